@@ -1,7 +1,7 @@
 # shellcheck shell=bash
-# Sourced by .ci/run, .ci/nightly and .ci/dolfinx-0.11: a signal ends the script and the command that it is running, which
-# in turn ends its own descendants. A shell that waits for a foreground command would defer the signal, or leave the
-# command running.
+# Sourced by .ci/run, .ci/nightly, .ci/pip and .ci/dolfinx-0.11: a signal ends the script and the command that it is
+# running, which in turn ends its own descendants. A shell that waits for a foreground command would defer the signal, or
+# leave the command running.
 running=
 
 end_by() {

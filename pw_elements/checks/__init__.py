@@ -4,6 +4,7 @@ Public functions make these checks once, before any computation.
 """
 
 from pw_elements.checks.arguments import count_local_and_global_dofs
+from pw_elements.checks.compiler import find_compiler_problem
 from pw_elements.checks.guard import (
     MAX_RELATIVE_DIFFERENCE_BETWEEN_RANKS,
     call_user_function,

@@ -34,7 +34,11 @@ from ufl.classes import Grad
 from ufl.corealg.traversal import unique_pre_traversal
 
 from pw_elements.arrays import Array
-from pw_elements.checks import arguments, check_same_arguments_on_all_processes
+from pw_elements.checks import (
+    arguments,
+    check_same_arguments_on_all_processes,
+    find_compiler_problem,
+)
 from pw_elements.progress import report_activity
 from pw_elements.spaces.elements import (
     TwelveCellTetrahedron,
@@ -179,6 +183,8 @@ def compile_form(form: ufl.Form, rank: int, result_name: str) -> fem.Form:
         TypeError: if `form` is not a UFL form.
         ValueError: if the form has another rank, mixes meshes, has no mesh, has several measures
             of one kind, or cannot be compiled.
+        RuntimeError: if there is no C compiler, or no headers of Python, and the form is not in
+            DOLFINx's cache.
     """
     arguments.check_type(
         "the form", form, ufl.Form, "an integrand times a measure makes a ufl.Form"
@@ -215,6 +221,9 @@ def compile_form(form: ufl.Form, rank: int, result_name: str) -> fem.Form:
         with report_activity(mesh.comm, "compiling a form"):
             return fem.form(with_rules)
     except Exception as error:
+        # only now: forms in the cache need no compiler
+        if problem := find_compiler_problem():
+            raise RuntimeError(problem) from None
         raise ValueError(f"the form cannot be compiled: {error}") from error
 
 

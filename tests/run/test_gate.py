@@ -34,7 +34,7 @@ def run_ci_script(folder, *arguments):
 
 def test_every_ci_step_is_described_and_has_a_function():
     text = CI_SCRIPT.read_text()
-    assert len(read_ci_step_names()) == 8
+    assert len(read_ci_step_names()) == 9
     for step in read_ci_step_names():
         assert re.search(rf"^#   {re.escape(step)}  ", text, re.MULTILINE), step
         assert re.search(rf"^run_{re.sub(r'[-.]', '_', step)}\(\)", text, re.MULTILINE), step
@@ -81,6 +81,23 @@ def test_the_last_line_of_ci_repeats_that_a_version_is_left_out(folder_with_ci_s
     assert process.stdout.splitlines()[-1] == (
         "== all passed, WITHOUT DOLFINx 0.11, as requested by --without-0.11"
     )
+
+
+@pytest.mark.parametrize(
+    ("script_status", "outcome"),
+    [(0, "passed"), (1, "failed"), (77, "passed without pip install")],
+)
+def test_the_step_pip_passes_fails_or_is_named_as_skipped(
+    folder_with_ci_script, script_status, outcome
+):
+    script = folder_with_ci_script / ".ci" / "pip"
+    script.write_text(f"#!/bin/sh\nexit {script_status}\n")
+    script.chmod(0o755)
+    process = run_ci_script(folder_with_ci_script, "pip")
+    message = "the Python of ./run is older than 3.12: pip install with DOLFINx is not tested"
+    assert process.returncode == (outcome == "failed")
+    assert process.stdout.endswith("\n== all passed\n") == (outcome != "failed")
+    assert (f"\n== skipped:\n   {message}\n" in process.stdout) == ("without" in outcome)
 
 
 def test_each_command_of_the_documents_is_run_or_left_out_with_a_reason():

@@ -5,7 +5,6 @@ import re
 import shutil
 import signal
 import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
@@ -299,15 +298,6 @@ def test_debian_keys_are_downloaded_or_package_lists_requested(
     assert (message in process.stderr) != available
     copies = [*tmp_path.glob("pw-elements/*.apt/keys/*")]
     assert [copy.read_text() for copy in copies] == ["theirs\n"] * available
-
-
-def test_dolfinx_0_10_is_refused_by_the_metadata_and_the_library(tmp_path):
-    assert '"fenics-dolfinx >=0.9, !=0.10.*, <0.12"' in (ROOT / "pyproject.toml").read_text()
-    (tmp_path / "dolfinx.py").write_text("__version__ = '0.10.0'")
-    variables = os.environ | {"PYTHONPATH": f"{tmp_path}:{ROOT}"}
-    command = [sys.executable, "-c", "import pw_elements"]
-    process = subprocess.run(command, env=variables, capture_output=True, text=True)
-    assert "ImportError: pw_elements needs DOLFINx 0.9 or 0.11" in process.stderr
 
 
 def test_no_folder_for_the_packages_gives_a_one_line_error(run_on_bare_system, tmp_path):
