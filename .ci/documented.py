@@ -23,7 +23,8 @@ LEFT_OUT = {
     r"\./run test\b": "a step of its own",
     r"\.ci/run\b": "it runs this script",
     r"cd\b": "each command below runs in such a folder",
-    r"(sudo apt|python3 -m venv|~/pw/bin/pip)\b": "changes the system: see .ci/package",
+    r"(sudo apt|python3 -m venv|~/pw/bin/(pip|mpiexec))\b": "changes the system: see .ci/pip",
+    r'pip install "\.\[dolfinx\]"$': "a step of its own",
     r"(conda|docker|pip)\b": "needs another system",
     r"pre-commit\b": "changes the checkout's hooks",
 }

@@ -12,7 +12,6 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 import ufl
-from dolfinx import fem
 
 from pw_elements import (
     Body, Material, Reduction, Spaces, as_function, assemble_matrix, assemble_vector,
@@ -20,6 +19,7 @@ from pw_elements import (
 )
 from pw_elements.contact import ContactFields, ContactPair, DeformableSurface, solve_contact
 from pw_elements.meshes import from_file
+from dolfinx import fem  # after pw_elements, which prepares the one that pip installs
 
 STEEL, FIBRE, MIDDLE, SEAL, FACE, BOLTS, WET, END = range(1, 9)  # the file's physical groups
 bolts, pressure = 150e3, 3.0  # N, MPa

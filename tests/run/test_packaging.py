@@ -126,6 +126,16 @@ def test_the_wheel_of_dolfinx_is_imported_in_its_order_and_no_other(
     assert "has DOLFINx 0.10.0." in message
 
 
+@pytest.mark.parametrize(
+    "path", [ROOT / "README.md", *sorted((ROOT / "examples").glob("*.py"))], ids=lambda p: p.name
+)
+def test_programs_import_mpi_or_the_library_before_dolfinx(path):
+    """The DOLFINx that pip installs cannot be imported before MPI is loaded."""
+    imports = re.findall(r"^(?:from|import) (\w+)", path.read_text(), re.M)
+    first = next((n for n in imports if n in ("mpi4py", "pw_elements", "dolfinx")), "mpi4py")
+    assert first in ("mpi4py", "pw_elements")
+
+
 # Prints the areas of a square on all processes, or the messages of the errors
 AREA_PROGRAM = """
 from mpi4py import MPI
