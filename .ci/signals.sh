@@ -2,12 +2,21 @@
 # Sourced by .ci/run, .ci/nightly, .ci/pip and .ci/dolfinx-0.11: a signal ends the script and the command that it is
 # running, which in turn ends its own descendants. A shell that waits for a foreground command would defer the signal, or
 # leave the command running.
-running=
+#
+# The folder $temporary is deleted at the end, also after a signal, for which bash may leave out a trap on EXIT.
+temporary=
+
+delete_temporary() {
+  [ -z "$temporary" ] || rm -rf "$temporary"
+}
+trap delete_temporary EXIT
 
 end_by() {
   echo "== ${0##*/}: interrupted by SIG$1" >&2
-  [ -z "$running" ] || { kill -s TERM "$running" && wait "$running"; } 2>/dev/null
-  trap - "$1"
+  # shellcheck disable=SC2046
+  { kill -s TERM $(jobs -p) && wait; } 2>/dev/null || :
+  delete_temporary
+  trap - "$1" EXIT
   kill -s "$1" $$
 }
 for signal in HUP INT TERM; do
@@ -17,10 +26,6 @@ done
 
 # Runs a command, and returns its status
 wait_for() {
-  local status=0
   "$@" &
-  running=$!
-  wait "$running" || status=$?
-  running=
-  return $status
+  wait $!
 }

@@ -3,6 +3,7 @@
 import importlib.util
 import re
 import shutil
+import signal
 import subprocess
 from pathlib import Path
 
@@ -98,6 +99,21 @@ def test_the_step_pip_passes_fails_or_is_named_as_skipped(
     assert process.returncode == (outcome == "failed")
     assert process.stdout.endswith("\n== all passed\n") == (outcome != "failed")
     assert (f"\n== skipped:\n   {message}\n" in process.stdout) == ("without" in outcome)
+
+
+def test_a_signal_ends_a_script_with_its_command_and_deletes_its_folder(tmp_path):
+    script = tmp_path / "script"
+    script.write_text(
+        f"set -eu; . {CI_SCRIPT.with_name('signals.sh')}\n"
+        f"temporary={tmp_path}/temporary; mkdir $temporary\n"
+        "wait_for sh -c 'echo started; exec sleep 1000'\n"
+    )
+    with subprocess.Popen(["bash", script], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline() == "started\n"
+        process.terminate()
+        process.communicate(timeout=60)  # until the command has closed its output
+    assert process.returncode == -signal.SIGTERM
+    assert list(tmp_path.iterdir()) == [script]
 
 
 def test_each_command_of_the_documents_is_run_or_left_out_with_a_reason():
