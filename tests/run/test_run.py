@@ -118,7 +118,7 @@ def test_a_figure_is_written_relative_to_the_current_folder(tmp_path):
 
 BASIC_TOOLS = (
     "sh env id dirname readlink sed tr sort tail cut cksum mkdir uname git head awk rm mktemp ls "
-    "cat cp find rmdir touch"
+    "cat cp find rmdir touch chmod"
 )
 
 
@@ -169,31 +169,20 @@ APT_STUBS = {
 
 MOUNT_STUBS = {"mount": "", "chroot": ""}
 NO_MOUNT_MESSAGE = "no mount (apt-get install mount, as root)"
+ON_ARM = {"uname": "echo aarch64"}  # there is no wheel of DOLFINx
 
 
 @pytest.mark.parametrize(
     ("programs", "message"),
     [
-        ({}, "python3 has DOLFINx 0.8.0 in place of 0.9 or 0.11, and there is no apt-get to fetch"),
+        ({}, "python3 has DOLFINx 0.8.0 in place of 0.9 or 0.11, and there is no flock to"),
         (
-            {"dolfinx_version": "0.10.0.post2"},
-            "python3 has DOLFINx 0.10.0.post2 in place of 0.9 or 0.11, and",
-        ),
-        (APT_STUBS | {"id": "echo 1000"}, f"{NO_MOUNT_MESSAGE}: start this as root"),
-        *(
-            (
-                APT_STUBS | {"id": "echo 0", "apt_cache": f"echo Candidate: {old}"},
-                f"{NO_MOUNT_MESSAGE}, and apt offers no DOLFINx 0.9 or 0.11",
-            )
-            for old in ("1:0.10.0-2", "(none)")
+            ON_ARM | {"flock": "", "dolfinx_version": "0.10.0.post2"},
+            "DOLFINx 0.10.0.post2 in place of 0.9 or 0.11, and there is no dpkg-deb to fetch",
         ),
         (
-            APT_STUBS | MOUNT_STUBS | {"id": "echo 1000", "unshare": "exit 1"},
-            "namespaces are not allowed here: start this as root",
-        ),
-        (
-            APT_STUBS | MOUNT_STUBS | {"id": "echo 1000", "unshare": "exit 1", "sysctl": "echo 1"},
-            "AppArmor forbids namespaces (sysctl kernel.apparmor_restrict_unprivileged_userns=0, ",
+            ON_ARM | APT_STUBS | {"id": "echo 1000"},
+            "apt has no Debian mirror (PW_ELEMENTS_MIRROR=ADDRESS names one). The wheel of",
         ),
     ],
 )
@@ -248,6 +237,102 @@ def test_a_missing_debian_mirror_is_requested_and_a_given_one_is_used(
     assert written.read_text() == f"deb {mirror or 'http://system'} trixie main\n"
 
 
+@pytest.mark.parametrize(
+    ("programs", "refusal"),
+    [
+        ({"id": "echo 1000"}, "there is no mount (apt-get install mount, as root)"),
+        (MOUNT_STUBS | {"id": "echo 1000"}, "namespaces are not allowed here"),
+        (MOUNT_STUBS | {"id": "echo 1000", "sysctl": "echo 1"}, "AppArmor forbids namespaces ("),
+        (
+            MOUNT_STUBS | {"id": "echo 0", "apt_cache": "echo Candidate: 1:0.10.0-2"},
+            "namespaces are not allowed here",
+        ),
+        (
+            MOUNT_STUBS | {"id": "echo 0", "apt_cache": "echo 'Candidate: (none)'"},
+            "namespaces are not allowed here",
+        ),
+    ],
+)
+def test_without_namespaces_the_unpacked_debian_is_used_under_proot(
+    run_on_bare_system, programs, refusal
+):
+    programs = APT_STUBS | {"apt_get": APT_GET_STUB, "dpkg": "", "unshare": "exit 1"} | programs
+    process = run_on_bare_system("true", **programs)
+    first, second, *_ = process.stderr.splitlines()
+    assert "DOLFINx 0.8.0 in place of 0.9 or 0.11; taking Debian's packages, under proot" in first
+    assert f"because {refusal}" in first
+    assert second.startswith("run: no Debian mirror can be reached")
+
+
+WITHOUT_DEBIAN_MIRROR = APT_STUBS | {
+    "apt_get": "",
+    "apt_cache": "echo 'Candidate: (none)'",
+    "uname": "echo x86_64",
+}
+PYTHON_STUB = """case "$*" in
+*find_spec*) echo has no dolfinx && exit 1 ;;
+*"{lacking}"*) exit 1 ;;
+*print*) echo 3.12 ;;
+*venv*) mkdir "$4/bin" && cd "$4/bin" && echo 'echo "$*" >>pip.log' >python3 && chmod +x python3 ;;
+esac"""
+
+
+def test_without_a_debian_mirror_the_wheel_is_installed_once(run_on_bare_system, tmp_path):
+    programs = WITHOUT_DEBIAN_MIRROR | {"python3": PYTHON_STUB.format(lacking="nothing")}
+    command = ["sh", "-c", "command -v python3; echo $LD_LIBRARY_PATH"]
+    process = run_on_bare_system("--with", "study,docs", *command, **programs)
+    (folder,) = tmp_path.glob("pw-elements/wheel-3.12-*")
+    assert process.stdout == f"{folder}/bin/python3\n{folder}/lib\n"
+    assert process.stderr == (
+        "run: python3 has no dolfinx; /usr/bin/python3 has DOLFINx 0.8.0 in place of 0.9 or 0.11, "
+        "and apt has no Debian mirror (PW_ELEMENTS_MIRROR=ADDRESS names one): installing PyPI's "
+        f"wheel dolfinx-solver-real 0.11.0.post0 and further packages, 0.9 GB, into {folder}\n"
+    )
+    log = (tmp_path / "pip.log").read_text()
+    assert re.match(r"-I -m pip install .*--require-hashes .*/requirements-wheel.txt\n", log)
+    again = run_on_bare_system(*command, **programs)
+    assert (again.stdout, again.stderr) == (process.stdout, "")
+    assert (tmp_path / "pip.log").read_text() == log
+
+
+@pytest.mark.parametrize(
+    ("command", "lacking", "packages"),
+    [
+        ("true", "import ensurepip", "python3-venv"),
+        ("true", "Python.h", "python3-dev"),
+        ("true", "shutil.which", "gcc"),
+        ("study", "libpangoft2-1.0.so.0", "libpangoft2-1.0-0"),
+    ],
+)
+def test_packages_that_the_wheel_needs_are_named(
+    run_on_bare_system, tmp_path, command, lacking, packages
+):
+    programs = WITHOUT_DEBIAN_MIRROR | {"python3": PYTHON_STUB.format(lacking=lacking)}
+    process = run_on_bare_system(command, **programs)
+    assert process.returncode == 1
+    assert process.stderr.count("\n") == 1
+    assert f"apt-get install --no-install-recommends {packages}; and start" in process.stderr
+    assert not [*tmp_path.glob("pw-elements/wheel-*")]
+
+
+def test_a_wheel_that_cannot_be_installed_is_tried_again(run_on_bare_system, tmp_path):
+    stub = PYTHON_STUB.format(lacking="nothing").replace('echo "$*" >>pip.log', "echo no; exit 1")
+    process = run_on_bare_system("true", **WITHOUT_DEBIAN_MIRROR, python3=stub)
+    assert process.returncode == 1
+    assert process.stderr.endswith("run: the installation failed: no\n")
+    stub = PYTHON_STUB.format(lacking="nothing")
+    assert run_on_bare_system("env", **WITHOUT_DEBIAN_MIRROR, python3=stub).returncode == 0
+    (folder,) = tmp_path.glob("pw-elements/wheel-3.12-*")
+    assert {path.name for path in folder.iterdir()} == {".pw-elements", "bin", "complete"}
+
+
+def test_the_wheel_and_its_dependencies_have_hashes():
+    text = (ROOT / "requirements-wheel.txt").read_text().replace("\\\n", "")
+    lines = [line for line in text.splitlines() if not line.startswith("#")]
+    assert all(re.fullmatch(r"[\w.-]+==\S+( +--hash=sha256:[0-9a-f]{64})+", line) for line in lines)
+    assert any(line.startswith("dolfinx-solver-real==0.11.") for line in lines)
+
+
 def test_folders_in_the_cache_without_a_marker_are_not_deleted(run_on_bare_system, tmp_path):
     """Folders in the cache without a marker are not deleted.
 
@@ -292,7 +377,8 @@ def test_debian_keys_are_downloaded_or_package_lists_requested(
     unpack = f"mkdir -p nowhere/{keys.rpartition('/')[0]}; echo theirs >nowhere/{keys}"
     apt_get = APT_GET_STUB if available else 'case "$*" in *download*) exit 100 ;; esac'
     programs = APT_STUBS | MOUNT_STUBS | {"id": "echo 0", "dpkg": "echo amd64", "apt_get": apt_get}
-    process = run_on_bare_system("true", script=script, **programs | {"dpkg_deb": unpack})
+    programs |= {"dpkg_deb": unpack, "env": {"PW_ELEMENTS_MIRROR": "http://given/debian"}}
+    process = run_on_bare_system("true", script=script, **programs)
     message = "the package debian-archive-keyring, and apt cannot find it: do apt-get update"
     assert process.returncode == 1
     assert (message in process.stderr) != available
