@@ -311,7 +311,9 @@ def test_packages_that_the_wheel_needs_are_named(
     process = run_on_bare_system(command, **programs)
     assert process.returncode == 1
     assert process.stderr.count("\n") == 1
-    assert f"apt-get install --no-install-recommends {packages}; and start" in process.stderr
+    assert (
+        f"apt-get install --no-install-recommends {packages}, as root. Then start" in process.stderr
+    )
     assert not [*tmp_path.glob("pw-elements/wheel-*")]
 
 
