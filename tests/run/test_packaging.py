@@ -127,7 +127,14 @@ def test_the_wheel_of_dolfinx_is_imported_in_its_order_and_no_other(
 
 
 @pytest.mark.parametrize(
-    "path", [ROOT / "README.md", *sorted((ROOT / "examples").glob("*.py"))], ids=lambda p: p.name
+    "path",
+    [
+        ROOT / "README.md",
+        *sorted((ROOT / "examples").glob("*.py")),
+        *sorted((ROOT / "docs").glob("*.md")),
+        *sorted((ROOT / "docs" / "how-to").glob("*.md")),
+    ],
+    ids=lambda p: p.name,
 )
 def test_programs_import_mpi_or_the_library_before_dolfinx(path):
     """The DOLFINx that pip installs cannot be imported before MPI is loaded."""
