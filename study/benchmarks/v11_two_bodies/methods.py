@@ -16,8 +16,8 @@ problems.
 All methods except the library's are frictionless and find the active set by Newton's method.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from petsc4py import PETSc
 
@@ -26,6 +26,7 @@ import numpy.typing as npt
 import scipy.sparse as sp
 from dolfinx import fem
 from dolfinx.mesh import Mesh
+from scipy.spatial import cKDTree
 
 from pw_elements import (
     Body,
@@ -42,6 +43,9 @@ from pw_elements.contact.interface import BoundaryFacets, OverlapQuadrature, gat
 from pw_elements.contact.model import ContactState
 from pw_elements.elasticity import StressState
 from pw_elements.spaces import EntitySelection
+from study.model.reading import error_norms_on_common_and_other_nodes
+from study.model.units import assign_unit_one_to_scalars
+from study.run.store import Result
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -511,3 +515,125 @@ def _couple_slave_nodes_to_master_segments(
         sp.diags_array(faces_master * inward_normal_sign) @ (slave_values - master_values)
     )
     return FaceCoupling(rows, rows, gap, faces_master.astype(float))
+
+
+# Comparison with the exact pressure
+
+INNER_RADIUS = 0.8
+"""Distance from the middle of the contact, over its half width, within which errors count."""
+SLOW_PRESSURE_RATIO = 2.0
+"""Largest ratio of pressures at neighbouring nodes for which the pressure varies slowly."""
+MIN_RELATIVE_PRESSURE = 1e-9
+"""Fraction of the largest pressure below which a pressure counts as zero."""
+
+
+def compare_pressures_with_exact_ones(
+    bodies: TwoBodies,
+    solution: ContactSolution,
+    exact_pressure: npt.NDArray[np.floating],
+    pressure_scale: float,
+    inner_radius: float,
+    exact_force: float | None = None,
+    extra_scalars: dict[str, float] | None = None,
+    extra_curves: Mapping[str, npt.NDArray[np.floating]] | None = None,
+) -> Result:
+    """Compare pressures at the slave nodes with exact ones, and evaluate the forces on both bodies.
+
+    In three dimensions, errors are also given separately for nodes at which the standard element's
+    test function has a nonzero integral over the surface (suffix `common`) and for other nodes
+    (`alone`).
+
+    Args:
+        bodies: The two bodies.
+        solution: Solution by one of the contact methods.
+        exact_pressure: Exact pressures (m,) at the slave nodes.
+        pressure_scale: Pressure to which errors are relative.
+        inner_radius: Distance from the origin within which errors count.
+        exact_force: Exact total force, if it is known.
+        extra_scalars: Further scalars of the result.
+        extra_curves: Further nodal values (m,) of the result.
+    """
+    x, dim = bodies.x, bodies.x.shape[1]
+    slave_x, master_x = x[solution.slave_node], x[solution.master_node]
+    has_pressure = ~np.isnan(solution.pressure)
+    error = np.where(has_pressure, np.abs(solution.pressure - exact_pressure), 0.0)
+    counts = has_pressure & (np.linalg.norm(slave_x[:, :-1], axis=1) < inner_radius)
+    squared_error = (solution.tributary_area * error**2)[has_pressure].sum()
+    squared_pressure = (solution.tributary_area * exact_pressure**2)[has_pressure].sum()
+    slave_force = solution.nodal_contact_force[solution.slave_node, -1]
+    # positive in compression
+    master_force = solution.nodal_contact_force[solution.master_node, -1]
+    master_force = master_force * np.sign(master_force.sum())
+    # smooth pressures: away from the edge of the contact and from the ends of the faces
+    middle_radius = inner_radius if np.isfinite(inner_radius) else INNER_RADIUS
+    in_middle = np.linalg.norm(master_x[:, :-1], axis=1) < middle_radius
+    if np.isinf(inner_radius):
+        in_middle &= (master_x[:, :-1] > 1e-9).all(axis=1)
+    mean = master_force[in_middle].mean()
+    scalars = {
+        "pressure_error": error[counts].max() / pressure_scale,
+        "pressure_l2": np.sqrt(squared_error / squared_pressure),
+        "pressure_error_median": np.median(error[counts]) / pressure_scale,
+        "master_force_min": master_force[in_middle].min() / mean,
+        "master_force_max": master_force[in_middle].max() / mean,
+        "master_force_least": master_force.min() / mean,
+        "slave_force_least": (slave_force * np.sign(slave_force.sum())).min() / mean,
+        "iterations": solution.iterations,
+        "settled": solution.has_converged,
+        **solution.relative_force_and_moment_imbalance(x),
+        **(extra_scalars or {}),
+    }
+    if dim == 3:
+        galerkin = replace(bodies.body, spaces=Spaces.galerkin(bodies.space.mesh))
+        no_force = np.zeros(len(slave_x))
+        standard = SurfaceNodes.from_body(galerkin, bodies.slave).pressure(no_force)
+        errors = error_norms_on_common_and_other_nodes(
+            np.where(counts, error, np.nan) / pressure_scale, standard
+        )
+        scalars |= {f"pressure_error_{which}": size for which, size in errors.items()}
+    varies_slowly = _mask_master_nodes_with_smooth_pressure(bodies, solution)
+    if varies_slowly.any():
+        scalars["master_force_slow"] = master_force[varies_slowly].min() / mean
+    if exact_force is not None:
+        scalars["force_error"] = abs(np.abs(slave_force.sum()) / exact_force - 1)
+    stored = {
+        "x": slave_x,
+        "pressure": solution.pressure / pressure_scale,
+        "exact_pressure": exact_pressure / pressure_scale,
+        "area": solution.tributary_area,
+        "force": slave_force,
+        "opposite_x": master_x,
+        "opposite_force": solution.nodal_contact_force[solution.master_node, -1],
+        **(extra_curves or {}),
+    }
+    numbers = {name: float(value) for name, value in scalars.items()}
+    return Result(numbers, assign_unit_one_to_scalars(numbers), stored, dofs=dim * len(x))
+
+
+def _mask_master_nodes_with_smooth_pressure(bodies: TwoBodies, solution: ContactSolution) -> Mask:
+    """Return the mask (k,) of the master nodes around which the slave's pressure varies slowly.
+
+    The pressure varies slowly if the ratio of the largest to the smallest slave pressure near a
+    node is below `SLOW_PRESSURE_RATIO`. Slave nodes are near if their distance is at most the
+    longest adjacent master edge plus the longest slave edge.
+    """
+    dim = bodies.x.shape[1]
+    reach: Array = np.zeros(len(bodies.x))
+    edges = []
+    for facets in (bodies.slave, bodies.master):
+        trace = gather_boundary_facets(bodies.space, facets)
+        corners = trace.facet_x[:, :dim]
+        edges.append(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1))
+    np.maximum.at(reach, trace.facet_nodes.ravel(), np.repeat(edges[1], trace.facet_nodes.shape[1]))
+    has_pressure = ~np.isnan(solution.pressure)
+    neighbours = cKDTree(bodies.x[solution.slave_node[has_pressure], :-1]).query_ball_point(
+        bodies.x[solution.master_node, :-1], reach[solution.master_node] + edges[0].max()
+    )
+    pressures = [solution.pressure[has_pressure][nodes] for nodes in neighbours]
+    smallest = MIN_RELATIVE_PRESSURE * np.nanmax(solution.pressure)
+    return np.array(
+        [
+            len(p) > 0 and smallest < p.min() and p.max() < SLOW_PRESSURE_RATIO * p.min()
+            for p in pressures
+        ]
+    )

@@ -7,13 +7,10 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, Literal
 
-from mpi4py import MPI
-
 import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
-from dolfinx.mesh import CellType, Mesh, create_box
 from matplotlib.figure import Figure
 
 from pw_elements import (
@@ -29,11 +26,16 @@ from pw_elements import (
 )
 from pw_elements.algebra import VibrationModes
 from pw_elements.elasticity import StressState
-from pw_elements.meshes import move_nodes, quadrilaterals, triangles
 from pw_elements.spaces import Marker
 from study.benchmarks.v8_vibration.exact_eigenvalues import (
     AxisymmetricRodBetweenWalls,
     eigenvalues_of_rectangle_between_walls,
+)
+from study.benchmarks.v8_vibration.mesh_series import (
+    MeshSolution,
+    compare_values_on_mesh_series_with_exact,
+    mesh_rectangle_with_bent_inner_lines,
+    mesh_solid_box,
 )
 from study.judge.checks import check
 from study.judge.measures.general import scalar, smallest
@@ -42,7 +44,6 @@ from study.model.discretisation import (
     discretise,
     is_symmetrised,
     make_element_spaces,
-    mesh_nodes_and_cells,
     reduction_for_mass_condensation,
     requires_quadrilateral_cells,
 )
@@ -124,8 +125,6 @@ N_STRIP_MODES = 3
 """Number of bending modes that are compared; they are the lowest modes of the strip."""
 RIGID_MODE_COUNTS = {StressState.PLANE_STRESS: 3, StressState.AXISYMMETRIC: 1, StressState.SOLID: 6}
 TUBE_RADII = (1.0, 2.0)
-MAX_NODE_SHIFT = 0.05
-"""Largest displacement of a node, which bends inner mesh lines, over the side of the mesh."""
 QUADRATURE_DEGREES, REFERENCE_DEGREE = (2, 4, 6, 8), 16
 
 # Method
@@ -149,8 +148,6 @@ Treatment = Literal["transposed", "same", "all nodes", "lumped"]
 reduction L of the transposed problem, "same" with L equal to the right reduction R. "lumped" is
 "transposed" with a lumped mass.
 """
-MeshSolution = tuple[Array, dict[str, float], Discretisation]
-"""Values (n,) on one mesh, measures of the quality of the modes, and the discretised body."""
 
 
 def rod(element: str, treatment: Treatment, squares: Sequence[int]) -> Result:
@@ -168,7 +165,7 @@ def rod(element: str, treatment: Treatment, squares: Sequence[int]) -> Result:
         modes = _compute_vibration_modes(body, ROD_WALLS, N_MODES, treatment)
         return modes.eigenvalues, _measure_quality_of_modes(modes), body
 
-    return _compare_values_on_mesh_series_with_exact(
+    return compare_values_on_mesh_series_with_exact(
         solve_on_mesh, squares, EIGENVALUE_NAMES, ROD.eigenvalues(N_MODES)
     )
 
@@ -191,9 +188,7 @@ def square(element: str, treatment: Treatment, squares: Sequence[int]) -> Result
     exact = eigenvalues_of_rectangle_between_walls(
         MATERIAL, StressState.PLANE_STRESS, (1.0, 1.0), N_MODES
     )
-    return _compare_values_on_mesh_series_with_exact(
-        solve_on_mesh, squares, EIGENVALUE_NAMES, exact
-    )
+    return compare_values_on_mesh_series_with_exact(solve_on_mesh, squares, EIGENVALUE_NAMES, exact)
 
 
 def strip(element: str, treatment: Treatment, squares: Sequence[int]) -> Result:
@@ -236,7 +231,7 @@ def strip(element: str, treatment: Treatment, squares: Sequence[int]) -> Result:
     theory = CompressedStrip(MATERIAL.youngs_modulus, MATERIAL.poissons_ratio, STRIP_LENGTH)
     exact = [theory.exact_critical_stress(n, "G") for n in modes]
     names = [f"{kind}_{n}" for kind in ("vibration", "buckling") for n in modes]
-    return _compare_values_on_mesh_series_with_exact(solve_on_mesh, squares, names, exact * 2)
+    return compare_values_on_mesh_series_with_exact(solve_on_mesh, squares, names, exact * 2)
 
 
 def free(element: str, state: str) -> Result:
@@ -251,8 +246,8 @@ def free(element: str, state: str) -> Result:
         state: Name of the stress state.
     """
     stress_state = StressState(state)
-    build_square = partial(_mesh_rectangle_with_bent_inner_lines, (1.0, 1.0), (6, 6))
-    build = _mesh_solid_box if stress_state is StressState.SOLID else build_square
+    build_square = partial(mesh_rectangle_with_bent_inner_lines, (1.0, 1.0), (6, 6))
+    build = mesh_solid_box if stress_state is StressState.SOLID else build_square
     body = discretise(element, build, MATERIAL, stress_state)
     axis: list[Support] = [(0, 0.0, 0)] if stress_state is StressState.AXISYMMETRIC else []
     modes = _compute_vibration_modes(body, axis, N_MODES + 1, "transposed")
@@ -291,9 +286,7 @@ def tube(element: str, squares: Sequence[int]) -> Result:
         )
         return np.array([1 + error]), {}, body
 
-    return _compare_values_on_mesh_series_with_exact(
-        solve_on_mesh, squares, ["displacement"], [1.0]
-    )
+    return compare_values_on_mesh_series_with_exact(solve_on_mesh, squares, ["displacement"], [1.0])
 
 
 def cylinder(element: str) -> Result:
@@ -332,7 +325,7 @@ def quadrature(element: str, squares: int) -> Result:
     cell = "quadrilateral" if requires_quadrilateral_cells(element) else "triangle"
     for degree in (*QUADRATURE_DEGREES, REFERENCE_DEGREE):
         element_spaces = make_element_spaces(
-            element, _mesh_rectangle_with_bent_inner_lines(sizes, divisions, cell)
+            element, mesh_rectangle_with_bent_inner_lines(sizes, divisions, cell)
         )
         body = Body(element_spaces, MATERIAL, StressState.AXISYMMETRIC, quadrature_degree=degree)
         discretised = Discretisation(element, body, assemble_matrix(body.stiffness()))
@@ -385,49 +378,6 @@ def _is_at_coordinate(axis: int, value: float, x: Array) -> npt.NDArray[np.bool_
     return np.isclose(x[axis], value)
 
 
-def _compare_values_on_mesh_series_with_exact(
-    solve_on_mesh: Callable[[int], MeshSolution],
-    squares: Sequence[int],
-    names: Sequence[str],
-    exact: Sequence[float],
-) -> Result:
-    """Compare computed values with exact ones on a series of meshes.
-
-    Scalars of the finest mesh are each value by its name, and with the suffixes `_exact`, `_error`
-    (relative) and `_order` (convergence order in the element size between the last two meshes). The
-    scalar `error` is the largest absolute relative error, and `order` the lowest order. `residual`
-    and `imaginary` are the largest values of all meshes. Curves are `squares` (m,), `errors` (m,
-    n), `imaginaries` (m,), and the nodes and cells of the finest mesh.
-
-    Args:
-        solve_on_mesh: Function that returns the values on a mesh with a given number of squares.
-        squares: Numbers of squares (m,), from coarse to fine.
-        names: Names of the values (n,).
-        exact: Exact values (n,).
-    """
-    values, qualities = [], []
-    for n in squares:
-        mesh_values, quality, body = solve_on_mesh(n)
-        values.append(mesh_values)
-        qualities.append(quality)
-    errors = np.array(values) / np.array(exact) - 1
-    orders = np.log2(np.abs(errors[-2] / errors[-1])) / np.log2(squares[-1] / squares[-2])
-    scalars = {name: max(quality[name] for quality in qualities) for name in qualities[0]}
-    scalars |= {"error": np.abs(errors[-1]).max(), "order": orders.min()}
-    for i, name in enumerate(names):
-        scalars |= {
-            name: values[-1][i],
-            f"{name}_exact": exact[i],
-            f"{name}_error": errors[-1, i],
-            f"{name}_order": orders[i],
-        }
-    scalars = {name: float(value) for name, value in scalars.items()}
-    curves = {"squares": np.array(squares), "errors": errors, **mesh_nodes_and_cells(body.space)}
-    if "imaginary" in scalars:
-        curves["imaginaries"] = np.array([quality["imaginary"] for quality in qualities])
-    return Result(scalars, assign_unit_one_to_scalars(scalars), curves, dofs=body.K.getSize()[0])
-
-
 def _measure_quality_of_modes(modes: VibrationModes) -> dict[str, float]:
     return {
         "rigid": float(modes.n_rigid),
@@ -471,39 +421,9 @@ def _discretise_rectangle(
     inner_radius: float = 0.0,
 ) -> Discretisation:
     build = partial(
-        _mesh_rectangle_with_bent_inner_lines, sizes, divisions, inner_radius=inner_radius
+        mesh_rectangle_with_bent_inner_lines, sizes, divisions, inner_radius=inner_radius
     )
     return discretise(element, build, MATERIAL, state)
-
-
-def _mesh_rectangle_with_bent_inner_lines(
-    sizes: tuple[float, float], divisions: tuple[int, int], cell: str, inner_radius: float = 0.0
-) -> Mesh:
-    """Mesh a rectangle whose inner mesh lines are curved.
-
-    The rectangle is inner_radius <= x <= inner_radius + a, 0 <= y <= b.
-
-    Args:
-        sizes: Side lengths a and b.
-        divisions: Numbers of squares along both sides.
-        cell: Cell type, "triangle" or "quadrilateral".
-        inner_radius: Smallest x.
-    """
-
-    def bend_inner_lines(x: Array) -> Array:
-        s, t = np.pi * (x[:, 0] - inner_radius) / sizes[0], np.pi * x[:, 1] / sizes[1]
-        position = x.copy()
-        position[:, 0] += MAX_NODE_SHIFT * sizes[0] * np.sin(s) * np.cos(t)
-        position[:, 1] -= MAX_NODE_SHIFT * sizes[1] * np.cos(s) * np.sin(t)
-        return position
-
-    build = triangles if cell == "triangle" else quadrilaterals
-    corners = (inner_radius, 0.0), (inner_radius + sizes[0], sizes[1])
-    return move_nodes(build(MPI.COMM_SELF, *corners, divisions), bend_inner_lines)
-
-
-def _mesh_solid_box(_: str) -> Mesh:
-    return create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 2, 1)], (2, 4, 2), CellType.tetrahedron)
 
 
 # Cases
