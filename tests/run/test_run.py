@@ -289,7 +289,7 @@ def test_without_a_debian_mirror_the_wheel_is_installed_once(run_on_bare_system,
         f"wheel dolfinx-solver-real 0.11.0.post0 and further packages, 0.9 GB, into {folder}\n"
     )
     log = (tmp_path / "pip.log").read_text()
-    assert re.match(r"-I -m pip install .*--require-hashes .*/requirements-wheel.txt\n", log)
+    assert re.match(r"-I -m pip install .*--require-hashes .*/.ci/requirements-wheel.txt\n", log)
     again = run_on_bare_system(*command, **programs)
     assert (again.stdout, again.stderr) == (process.stdout, "")
     assert (tmp_path / "pip.log").read_text() == log
@@ -329,7 +329,7 @@ def test_a_wheel_that_cannot_be_installed_is_tried_again(run_on_bare_system, tmp
 
 
 def test_the_wheel_and_its_dependencies_have_hashes():
-    text = (ROOT / "requirements-wheel.txt").read_text().replace("\\\n", "")
+    text = (ROOT / ".ci" / "requirements-wheel.txt").read_text().replace("\\\n", "")
     lines = [line for line in text.splitlines() if not line.startswith("#")]
     assert all(re.fullmatch(r"[\w.-]+==\S+( +--hash=sha256:[0-9a-f]{64})+", line) for line in lines)
     assert any(line.startswith("dolfinx-solver-real==0.11.") for line in lines)
