@@ -1,10 +1,13 @@
 """Bridge the differences between DOLFINx versions, and add functions that petsc4py lacks."""
 
+from collections.abc import Sequence
 from ctypes import CDLL, byref, c_int64
+from typing import Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
+import dolfinx
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
@@ -14,6 +17,7 @@ from pw_elements.arrays import Array, LocalIndices
 
 __all__ = [
     "cell_geometry_nodes",
+    "form_of_cell_kernels",
     "interpolation_points",
     "is_petsc_option_used",
     "matrix_with_single_entry_rows",
@@ -58,3 +62,31 @@ def matrix_with_single_entry_rows(
     values = np.broadcast_to(values, columns.shape)[has_entry]
     csr = (pointers, columns[has_entry].astype(PETSc.IntType), values)
     return PETSc.Mat().createAIJ(sizes, csr=csr, comm=comm)
+
+
+def form_of_cell_kernels(
+    spaces: Sequence[fem.FunctionSpace],
+    kernels: Sequence[tuple[int, LocalIndices, npt.NDArray[np.int8]]],
+    coefficients: Sequence[fem.Function],
+    constants: Sequence[fem.Constant],
+) -> Any:  # noqa: ANN401
+    """Create DOLFINx's C++ object of a form whose cell integrals are compiled functions.
+
+    Args:
+        spaces: spaces of the form's arguments.
+        kernels: for each integral, the address of its function, the cells, and the numbers of the
+            coefficients that the function reads.
+        coefficients: coefficients of the form. A function finds their values one after the other.
+        constants: constants of the form, likewise.
+    """
+    integrals = [(number, *kernel) for number, kernel in enumerate(kernels)]
+    mesh = spaces[0].mesh
+    return fem.form_cpp_class(np.float64)(
+        [space._cpp_object for space in spaces],
+        {fem.IntegralType.cell: integrals},
+        [function._cpp_object for function in coefficients],
+        [constant._cpp_object for constant in constants],
+        False,  # integrals over interior facets would need permutations
+        {} if dolfinx.__version__.startswith("0.9.") else [],  # maps between meshes
+        mesh._cpp_object,
+    )

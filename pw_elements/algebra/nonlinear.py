@@ -46,6 +46,7 @@ from pw_elements.spaces import (
     add_estimated_quadrature_degrees,
     add_sub_cell_quadrature_rules,
     compile_form,
+    compile_tangent,
     has_discontinuous_pressure,
     is_hybrid,
     pressure_equilibration_scales,
@@ -92,18 +93,26 @@ class SolvedIncrement:
 
 
 class ResidualSystem:
-    """Compiled residual and tangent, which are assembled at the current values of the unknown u."""
+    """Compiled residual and tangent, which are assembled at the current values of the unknown u.
 
-    def __init__(self, u: fem.Function, residual: fem.Form, tangent: fem.Form) -> None:
-        self.u, self._residual_form, self._tangent_form = u, residual, tangent
+    Args:
+        u: the unknown function.
+        residual: compiled residual.
+        tangent: compiled forms whose sum is the tangent. The sparsity pattern of the first one
+            contains those of the others.
+    """
+
+    def __init__(self, u: fem.Function, residual: fem.Form, tangent: Sequence[fem.Form]) -> None:
+        self.u, self._residual_form, self._tangent_forms = u, residual, tangent
         self.blocked = False  # whether the tangent is stored in blocks of nodes
 
     @cached_property
     def tangent(self) -> PETSc.Mat:
         nodal = not is_hybrid(self.u.function_space) and self.u.function_space.dofmap.bs > 1
-        matrix = petsc.create_matrix(self._tangent_form, "baij" if self.blocked and nodal else None)
+        first_form = self._tangent_forms[0]
+        matrix = petsc.create_matrix(first_form, "baij" if self.blocked and nodal else None)
         matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
-        return AssemblyRecord(self._tangent_form).attach(matrix)
+        return AssemblyRecord(first_form).attach(matrix)
 
     def set_unknowns(self, x: PETSc.Vec) -> None:
         self.u.x.array[: x.getLocalSize()] = x.array_r
@@ -116,7 +125,8 @@ class ResidualSystem:
 
     def assemble_tangent(self) -> None:
         self.tangent.zeroEntries()
-        petsc.assemble_matrix(self.tangent, self._tangent_form)
+        for form in self._tangent_forms:
+            petsc.assemble_matrix(self.tangent, form)
         self.tangent.assemble()
 
 
@@ -357,7 +367,7 @@ class PetrovGalerkinProblem:
             self._space, conditions
         )  # raises an error for invalid conditions
         self.system = ResidualSystem(
-            u, compile_form(form, 1, "a residual"), compile_form(tangent, 2, "a tangent")
+            u, compile_form(form, 1, "a residual"), compile_tangent(tangent)
         )
         self._solver: LinearSolver = Direct() if solver is None else solver
         self._solved_loads: dict[fem.Constant, Array] = {}  # values at the end of the last `solve`

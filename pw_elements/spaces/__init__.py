@@ -41,3 +41,4 @@ from pw_elements.spaces.spaces import (
     split,
     test_space,
 )
+from pw_elements.spaces.sub_cells import compile_tangent
