@@ -10,7 +10,6 @@ and test functions that are not piecewise linear.
 import hashlib
 import importlib.machinery
 import importlib.util
-import os
 import sysconfig
 import tempfile
 from collections.abc import Callable, Sequence
@@ -35,6 +34,7 @@ from ufl.algorithms.analysis import extract_constants
 
 from pw_elements._compat import form_of_cell_kernels
 from pw_elements.arrays import LocalIndices
+from pw_elements.files import replace_file_atomically
 from pw_elements.progress import report_activity
 from pw_elements.spaces.assembly import add_sub_cell_quadrature_rules, compile_form
 from pw_elements.spaces.bilinear_coefficients import (
@@ -231,7 +231,7 @@ def _load_kernel_module(source: str, expression_name: str) -> ModuleType:
             extra_compile_args=flags,
         )
         with tempfile.TemporaryDirectory(dir=folder, prefix=name) as scratch:
-            os.replace(builder.compile(tmpdir=scratch), path)
+            replace_file_atomically(path, Path(builder.compile(tmpdir=scratch)).read_bytes())
     loader = importlib.machinery.ExtensionFileLoader(name, str(path))
     spec = importlib.util.spec_from_loader(name, loader)
     assert spec is not None

@@ -120,7 +120,7 @@ def test_recorded_results_are_counted_separately_and_computed_on_demand(
     """
     cases_with_record = (
         'CASES = [case("a"), replace(case("b", 9.0), record="toy/record.json", '
-        'recomputed=case("b", 2.5))]'
+        'computing_case=case("b", 2.5))]'
     )
     replace_in_file(
         toy_study / "toy" / "one.py", 'CASES = [case("a"), case("b", 2.5)]', cases_with_record

@@ -45,7 +45,7 @@ def test_every_package_that_the_library_imports_is_declared():
     lines = [*project["dependencies"], *project["optional-dependencies"]["plot"]]
     declared = {re.match(r"[\w-]+", line)[0] for line in lines}
     assert declared == {"numpy", "scipy", "matplotlib"}
-    with_dolfinx = {"dolfinx", "basix", "ufl", "mpi4py", "petsc4py", "slepc4py"}
+    with_dolfinx = {"dolfinx", "basix", "ffcx", "ufl", "cffi", "mpi4py", "petsc4py", "slepc4py"}
     paths = [path.relative_to(ROOT) for path in (ROOT / "pw_elements").rglob("*.py")]
     names = {
         name
