@@ -5,20 +5,23 @@
 ./run python3 -m study.publish.renew_records 'calculix/*' 'K/*'  all rows of CalculiX and section K
 ./run python3 -m study.publish.renew_records --check             compute all; compare
 
-Keys of rows may contain shell wildcards. There are three kinds of rows: costly cases, time and
-memory of section K, and results of CalculiX; see `study.run.records`. If CalculiX is not installed,
-its rows are skipped; if only its rows are requested, Python and NumPy suffice. When measurements of
-time and memory are compared, only counts and norms must agree.
+Keys of rows may contain shell wildcards. The kinds of rows are costly cases, time and memory of
+section K, results of CalculiX ('calculix/*'), columns and shifts of Table 1 ('table-1-columns/*',
+'table-1-shifts/*') and models of Table 2 ('table-2/*'); see `study.run.records`. If CalculiX is not
+installed, its rows are skipped; if only its rows are requested, Python and NumPy suffice. When
+measurements of time and memory are compared, only counts and norms must agree.
 """
 
 import argparse
 import sys
 import tempfile
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from fnmatch import fnmatchcase
+from importlib import import_module
 from pathlib import Path
 from time import perf_counter, process_time
+from types import ModuleType
 
 from study.run import compare_versions, records
 from study.run.cases import SECTIONS, Case, load_section
@@ -28,7 +31,7 @@ from study.solutions.calculix import calculix
 from study.solutions.calculix.output import CalculixError
 from study.solutions.calculix.problems import PROBLEMS
 
-# Pages and section K import the solver; they are imported only when their rows are computed
+# Pages, section K and tables import the solver; they are imported when their rows are requested
 
 
 class RecordKind(ABC):
@@ -36,18 +39,21 @@ class RecordKind(ABC):
 
     Attributes:
         title: Name of the kind in messages.
+        prefix: Beginning of the keys of all rows; empty for costly cases, whose keys begin with
+            sections.
     """
 
     title: str
+    prefix: str
 
     @property
     @abstractmethod
     def path(self) -> Path:
         """File that contains the rows of this kind."""
 
-    @abstractmethod
     def may_have_key(self, pattern: str) -> bool:
         """Return whether keys of this kind may match a shell-style pattern."""
+        return pattern.startswith(self.prefix)
 
     @abstractmethod
     def list_keys(self) -> list[str]:
@@ -87,6 +93,7 @@ class CostlyCaseRecords(RecordKind):
     """Records of the cases of all sections that are marked as costly."""
 
     title = "costly cases"
+    prefix = ""
 
     def __init__(self) -> None:
         self._cases_by_key: dict[str, Case] = {}
@@ -97,8 +104,12 @@ class CostlyCaseRecords(RecordKind):
         return records.COSTLY_CASES
 
     def may_have_key(self, pattern: str) -> bool:
-        """Return whether a key or pattern belongs neither to section K nor to CalculiX."""
-        return not pattern.startswith(("K/", "calculix/"))
+        """Return whether a key or pattern belongs to none of the other kinds."""
+        return not any(
+            kind.may_have_key(pattern)
+            for kind in list_record_kinds()
+            if not isinstance(kind, CostlyCaseRecords)
+        )
 
     def list_keys(self) -> list[str]:
         """Return the keys of the costly cases of all sections."""
@@ -130,15 +141,12 @@ class TimeAndMemoryRecords(RecordKind):
     """Records of the computing times and memory that section K measures."""
 
     title = "time and memory of section K"
+    prefix = "K/"
 
     @property
     def path(self) -> Path:
         """File that contains the rows of this kind."""
         return records.TIME_AND_MEMORY
-
-    def may_have_key(self, pattern: str) -> bool:
-        """Return whether a key or pattern belongs to section K."""
-        return pattern.startswith("K/")
 
     def list_keys(self) -> list[str]:
         """Return the keys of all measurements of section K."""
@@ -162,15 +170,12 @@ class CalculixResultRecords(RecordKind):
     """Records of the results that CalculiX computes for the comparison problems."""
 
     title = "answers of CalculiX"
+    prefix = "calculix/"
 
     @property
     def path(self) -> Path:
         """File that contains the rows of this kind."""
         return records.CALCULIX
-
-    def may_have_key(self, pattern: str) -> bool:
-        """Return whether a key or pattern belongs to the problems for CalculiX."""
-        return pattern.startswith("calculix/")
 
     def list_keys(self) -> list[str]:
         """Return the keys of all problems for CalculiX."""
@@ -199,29 +204,86 @@ class CalculixResultRecords(RecordKind):
         A row differs if the digests of the input decks differ, or if the largest difference of the
         numbers exceeds the tolerance for CalculiX. The largest difference of all rows is printed.
         """
-        messages, max_difference = [], 0.0
-        for key, row in computed.items():
-            if key not in recorded:
-                messages.append(f"{key}: not in the record")
-                continue
-            if row.input_sha256 != recorded[key].input_sha256:
-                messages.append(f"{key}: the deck is not the one of the record")
-                continue
-            computed_answer, recorded_answer = (
-                calculix.result_from_record_row(answer_row) for answer_row in (row, recorded[key])
+
+        def difference_of_rows(row: RecordRow, recorded_row: RecordRow) -> float:
+            return calculix.largest_relative_difference(
+                calculix.result_from_record_row(row), calculix.result_from_record_row(recorded_row)
             )
-            difference = calculix.largest_relative_difference(computed_answer, recorded_answer)
-            max_difference = max(max_difference, difference)
-            if difference > calculix.TOLERANCE:
-                versions = (
-                    f"CalculiX {computed_answer.version}, recorded with {recorded_answer.version}"
-                )
-                messages.append(f"{key}: differs by {difference:.1e} ({versions})")
-        print(
-            f"answers of CalculiX: {len(computed)}, largest difference {max_difference:.1e} "
-            f"(at most {calculix.TOLERANCE:.0e})"
+
+        return _compare_inputs_and_numbers(
+            self.title, recorded, computed, difference_of_rows, calculix.TOLERANCE
         )
-        return messages
+
+
+class TableRecords(RecordKind):
+    """Records of a table's columns, shifts or models, which a module computes and compares.
+
+    Args:
+        title: Name of the kind in messages.
+        prefix: Beginning of the keys of all rows.
+        path: File that contains the rows.
+        module_name: Full name of the module, which has `list_keys`, `compute_row`,
+            `difference_of_rows` and `RECORD_TOLERANCE`.
+    """
+
+    def __init__(self, title: str, prefix: str, path: Path, module_name: str) -> None:
+        self.title = title
+        self.prefix = prefix
+        self._path = path
+        self.module_name = module_name
+
+    @property
+    def path(self) -> Path:
+        """File that contains the rows of this kind."""
+        return self._path
+
+    def list_keys(self) -> list[str]:
+        """Return the keys of all rows; those of shifts depend on the recorded columns."""
+        return list(self._module.list_keys())
+
+    def compute(self, key: str) -> RecordRow:
+        """Compute the row with the given key."""
+        row: RecordRow = self._module.compute_row(key)
+        return row
+
+    def compare_rows(
+        self, recorded: dict[str, RecordRow], computed: dict[str, RecordRow]
+    ) -> list[str]:
+        """Compare recorded and computed rows; return messages on rows that differ.
+
+        A row differs if the digests of the inputs differ, or if the largest difference of the
+        numbers, in last digits, exceeds the module's tolerance. The largest difference of all rows
+        is printed.
+        """
+        return _compare_inputs_and_numbers(
+            f"{self.title}, in last digits",
+            recorded,
+            computed,
+            self._module.difference_of_rows,
+            self._module.RECORD_TOLERANCE,
+        )
+
+    @property
+    def _module(self) -> ModuleType:
+        return import_module(self.module_name)
+
+
+def list_record_kinds() -> list[RecordKind]:
+    """Return all kinds of records; shifts of Table 1 follow the columns, on which they depend."""
+    tables = [
+        ("columns of Table 1", "table-1-columns/", records.TABLE_1_COLUMNS, "table_1.ensemble"),
+        ("shifts of Table 1", "table-1-shifts/", records.TABLE_1_SHIFTS, "table_1.family"),
+        ("models of Table 2", "table-2/", records.TABLE_2, "table_2.family"),
+    ]
+    return [
+        CalculixResultRecords(),
+        CostlyCaseRecords(),
+        TimeAndMemoryRecords(),
+        *(
+            TableRecords(title, prefix, path, f"study.paper.{module}")
+            for title, prefix, path, module in tables
+        ),
+    ]
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -244,7 +306,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     messages: list[str] = []
     n_computed, n_skipped = 0, 0
-    for kind in (CalculixResultRecords(), CostlyCaseRecords(), TimeAndMemoryRecords()):
+    for kind in list_record_kinds():
         patterns = [pattern for pattern in options.keys if kind.may_have_key(pattern)]
         if options.keys and not patterns:
             continue
@@ -328,6 +390,50 @@ def _compute_and_write_rows(
                 kind.path, [row for row in present_rows if kind.is_worth_recording(row)]
             )
     return computed, failures
+
+
+def _compare_inputs_and_numbers(
+    title: str,
+    recorded: dict[str, RecordRow],
+    computed: dict[str, RecordRow],
+    difference_of_rows: Callable[[RecordRow, RecordRow], float],
+    tolerance: float,
+) -> list[str]:
+    """Print the largest difference of rows; return messages on rows that differ.
+
+    Args:
+        title: Name of the kind of rows, and the unit of the differences.
+        recorded: Rows from the file, by key.
+        computed: Recomputed rows, by key.
+        difference_of_rows: Largest difference of the numbers of a computed and a recorded row.
+        tolerance: Largest accepted difference.
+
+    Returns:
+        Messages on rows without a record, with another digest of the input, or with an excessive
+        difference.
+    """
+    messages, max_difference = [], 0.0
+    for key, row in computed.items():
+        if key not in recorded:
+            messages.append(f"{key}: not in the record")
+            continue
+        if row.input_sha256 != recorded[key].input_sha256:
+            messages.append(f"{key}: the input is not the one of the record")
+            continue
+        difference = difference_of_rows(row, recorded[key])
+        max_difference = max(max_difference, difference)
+        if difference > tolerance:
+            versions = f"{_join_versions(row)}; recorded with {_join_versions(recorded[key])}"
+            messages.append(f"{key}: differs by {difference:.1e} ({versions})")
+    print(
+        f"{title}: {len(computed)}, largest difference {max_difference:.1e} "
+        f"(at most {tolerance:.0e})"
+    )
+    return messages
+
+
+def _join_versions(row: RecordRow) -> str:
+    return ", ".join(f"{name} {version}" for name, version in row.versions.items())
 
 
 def _print_and_check_scalar_differences(

@@ -1,19 +1,24 @@
 """Records: results in version control, which are read instead of being computed.
 
-The three files in `study/run/recorded` have the same format. Each is a list of rows, which consist
-of a header (key, versions of the programs, date, digest of the input and, if time and memory are
+The files in `study/run/recorded` have the same format. Each is a list of rows, which consist of a
+header (key, versions of the programs, date, digest of the input and, if time and memory are
 measured, the machine) and numbers.
 
     costly_cases.json      scalars, without curves, of cases that take more than about three CPU
                            seconds, which their pages mark by `mark_costly`
     time_and_memory.json   measurements of section K
     calculix.json          results of CalculiX
+    table_1_columns.json   columns fitted to Table 1, see `study.paper.table_1.ensemble`
+    table_1_shifts.json    shifts of eigenvalues on these columns, see `study.paper.table_1.family`
+    table_2.json           critical stresses of the models of Table 2, see
+                           `study.paper.table_2.family`
 
 `./run python3 -m study.publish.renew_records` recomputes the rows and writes or compares them.
 """
 
 import hashlib
 import json
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -22,12 +27,15 @@ from pathlib import Path
 from typing import Any
 
 from study.run.provenance import package_versions
-from study.run.store import Result, StudyError, write_json
+from study.run.store import Result, StudyError, write_atomically
 
 FOLDER = Path(__file__).with_name("recorded")
 COSTLY_CASES = FOLDER / "costly_cases.json"
 TIME_AND_MEMORY = FOLDER / "time_and_memory.json"
 CALCULIX = FOLDER / "calculix.json"
+TABLE_1_COLUMNS = FOLDER / "table_1_columns.json"
+TABLE_1_SHIFTS = FOLDER / "table_1_shifts.json"
+TABLE_2 = FOLDER / "table_2.json"
 
 COSTLY_SECONDS = 3.0
 """CPU seconds above which the result of a case is recorded."""
@@ -100,6 +108,12 @@ def digest_row_without_date(row: RecordRow) -> str:
     return digest_input([row.versions, row.input_sha256, row.content])
 
 
+def digest_files(*paths: Path) -> str:
+    """Return the digest of the keys, numbers, versions and inputs of all rows of some records."""
+    rows = [row for path in paths for row in read_rows(path).values()]
+    return digest_input([[row.key, digest_row_without_date(row)] for row in rows])
+
+
 def read_rows(path: Path) -> dict[str, RecordRow]:
     """Read the rows of a record, by key; a file that does not exist has no rows.
 
@@ -128,12 +142,18 @@ def _parse_rows(text: bytes) -> dict[str, RecordRow]:
 
 
 def write_rows(path: Path, rows: Iterable[RecordRow]) -> None:
-    """Write rows to a file atomically: if the process is killed, the old file is unchanged."""
+    """Write rows to a file atomically: if the process is killed, the old file is unchanged.
+
+    Lists of numbers are written on one line.
+    """
     entries = []
     for row in rows:
         head = {name: getattr(row, name) for name in _HEAD if getattr(row, name) is not None}
         entries.append(head | row.content)
-    write_json(path, {"rows": entries})
+    text = json.dumps({"rows": entries}, indent=1, ensure_ascii=False, allow_nan=False)
+    # Strings of JSON contain no line breaks, so that only white space between values is removed
+    text = re.sub(r"\[[^][{}]*\]", lambda match: re.sub(r"\n *", "", match[0]), text)
+    write_atomically(path, (text + "\n").encode())
 
 
 def path_relative_to_project(path: Path) -> str:

@@ -17,15 +17,15 @@ from study.model.discretisation import mesh_nodes_and_cells
 from study.paper import s7_5_model, s7_5_profiles
 from study.paper.items import TABLE_1
 from study.paper.table_1.columns import Shape, Supports, Topology
-from study.paper.table_1.ensemble import COARSE_TOPOLOGY, SUPPORTS, page_lengths
+from study.paper.table_1.ensemble import COARSE_TOPOLOGY, SUPPORTS, page_lengths, read_columns
 from study.paper.table_1.family import (
     RECORD_TOLERANCE,
     TREATMENTS,
     UNIT,
-    FamilyRecord,
     Treatment,
     UserElements,
     condensation,
+    read_shifts,
 )
 from study.paper.table_1.inverse import (
     MIN_COLUMNS,
@@ -34,6 +34,7 @@ from study.paper.table_1.inverse import (
     compare_row_with_shift_bands,
     printed_shifts_and_rounding,
 )
+from study.run import records
 from study.run.store import Result
 from tests.oracle.contact import NodesAndSurface, solve_increments
 from tests.oracle.eigen import eigenvalues_nearest_to_shift, guyan_reduction
@@ -139,8 +140,9 @@ def test_oracle_agrees_with_the_studys_column_with_own_weights_only(element):
 
 # Table 1 as a blind test
 
-FAMILY_RECORD = FamilyRecord()
-NUMBERS_OF_RECOMPUTED_COLUMNS = (0, len(FAMILY_RECORD.rows) - 1)
+FITTED_COLUMNS = list(read_columns().values())
+RECORDED_SHIFTS = [row.content for row in records.read_rows(records.TABLE_1_SHIFTS).values()]
+NUMBERS_OF_RECOMPUTED_COLUMNS = (0, len(RECORDED_SHIFTS) - 1)
 FIRST_COLUMN_MESH_TOPOLOGY = Topology((5, 1, 7, 4), (26, 17, 21, 5), "right")
 FAMILY_TREATMENTS_BY_CASE = {
     "pw-T6": ("six", Treatment(0, "new")),
@@ -224,22 +226,22 @@ def test_shifts_agree_with_dense_eigenvalues_of_oracle_matrices():
 
 @pytest.mark.parametrize("column_number", NUMBERS_OF_RECOMPUTED_COLUMNS)
 def test_recomputed_shifts_agree_with_their_record(column_number):
-    supports, topology, shape = FAMILY_RECORD.list_columns()[column_number]
+    supports, topology, shape = FITTED_COLUMNS[column_number]
     shifts = UserElements(topology).compute_shifts(shape, supports)
     for name in TREATMENTS:
-        recorded = FAMILY_RECORD.shifts(name)[column_number]
+        recorded = read_shifts(name)[column_number]
         tolerance = RECORD_TOLERANCE * UNIT
         np.testing.assert_allclose(getattr(shifts, name), recorded, rtol=0, atol=tolerance)
     assert shifts.standard == pytest.approx(
-        np.array(FAMILY_RECORD.rows[column_number]["standard"]), rel=1e-8
+        np.array(RECORDED_SHIFTS[column_number]["standard"]), rel=1e-8
     )
 
 
 def test_recorded_columns_fit_table_1_to_0_02_percent_with_759_cells():
-    for row in FAMILY_RECORD.rows:
+    for row in RECORDED_SHIFTS:
         printed = np.array([TABLE_1["CAX6"], TABLE_1["CAX8"]])
         assert np.abs(100 * (np.array(row["standard"]) / printed - 1)).max() <= 0.02
-    topologies = {topology for _, topology, _ in FAMILY_RECORD.list_columns()}
+    topologies = {topology for _, topology, _ in FITTED_COLUMNS}
     assert all(
         s7_5_profiles.mesh_column(topology.reference, "quadrilateral")
         .topology.index_map(2)

@@ -20,8 +20,9 @@ from study.paper.table_2.family import (
     TREATMENTS,
     Mesh,
     MeshModels,
-    ModelsRecord,
     Treatment,
+    read_family,
+    read_stresses,
 )
 from study.paper.table_2.inverse import (
     MIN_ODDS,
@@ -171,7 +172,6 @@ def test_haringx_and_engesser_have_the_same_shear_stiffness():
 
 # Which models of the family reproduce Table 2?
 
-MODELS_RECORD = ModelsRecord()
 RECOMPUTED_MODELS = [
     # the mesh of the nearest model, with all treatments and some set-ups of each load
     (Mesh("right", 6, 1), (0, 3), (0, 5, 11)),
@@ -184,7 +184,7 @@ RECOMPUTED_MODELS = [
 def test_recomputed_models_agree_with_their_record(mesh, mode_1_set_ups, mode_2_set_ups, element):
     models = MeshModels(mesh)
     for mode, set_ups in (("mode_1", mode_1_set_ups), ("mode_2", mode_2_set_ups)):
-        recorded = MODELS_RECORD.mesh(mesh, element, mode)
+        recorded = read_stresses(mesh, element, mode)
         for i in set_ups:
             if mode == "mode_1":
                 stresses = models.mode_1(element, *MODE_1_SET_UPS[i])
@@ -219,7 +219,7 @@ def test_cases_of_the_page_agree_with_recorded_models_of_the_family(case, result
         for i, set_up in enumerate(SET_UPS)
         if set_up == ("point", "centre", "centre", "antisymmetric")
     )
-    values = MODELS_RECORD.family().stresses[element]
+    values = read_family().stresses[element]
     for mode in (1, 2):
         value = values[mesh, set_up, TREATMENTS[element].index(treatment), mode - 1]
         assert value == pytest.approx(
@@ -233,7 +233,7 @@ def test_under_uniform_stress_both_elements_have_equal_critical_stresses():
     The exception is a support at a single mid-side node: T moves part of the node's force to the
     adjacent corners. Even then, the stresses agree to 3e-6.
     """
-    stresses = MODELS_RECORD.family().stresses
+    stresses = read_family().stresses
     uniform_set_ups = [i for i, set_up in enumerate(SET_UPS) if set_up.load == "uniform"]
     supports = np.array([(SET_UPS[i].end, SET_UPS[i].middle) for i in uniform_set_ups])
     is_corner = np.array([mesh.ny % 2 == 0 for mesh in MESHES])

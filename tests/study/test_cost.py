@@ -77,7 +77,7 @@ def test_remeasured_costs_replace_recorded_ones_except_those_of_calculix(tmp_pat
         doubled = {**numbers, "whole_seconds": 2 * numbers["whole_seconds"]}
         return replace(row, content=row.content | {"measured": doubled})
 
-    monkeypatch.setattr(measure, "measure", measure_with_doubled_time)
+    monkeypatch.setattr(measure, "measure_and_make_record_row", measure_with_doubled_time)
     recorded_cases = load_section("K").cases
     remeasured = study.publish.command._replace_recorded_and_remeasure_cost_cases(
         recorded_cases, tmp_path

@@ -63,7 +63,7 @@ def test_check_notices_a_changed_number_and_a_changed_deck(tmp_path, monkeypatch
     assert renew_records.main(["--check", key]) == 0
     messages = capsys.readouterr().err
     assert "differs by 1.0e-04" in messages
-    assert "the deck is not the one of the record" in messages
+    assert "the input is not the one of the record" in messages
 
 
 @needs_calculix

@@ -1,16 +1,22 @@
 """Records of costly results: format, rows, and the command that renews and checks them."""
 
+import copy
 import json
 import operator
 import re
 from dataclasses import replace
 from datetime import date
+from importlib import import_module
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import study.publish.command
 from study.benchmarks.k_cost import measure
+from study.paper.table_1 import ensemble
+from study.paper.table_1 import family as shifts
+from study.paper.table_2 import family as buckling_models
 from study.publish import renew_records
 from study.run import records
 from study.run.cases import load_section
@@ -19,31 +25,26 @@ from study.solutions.calculix import calculix
 
 QUICK_CASE_KEY, TIMED_CASE_KEY = "V13/square-own-64", "Q/seconds-penalty-16"
 COSTLY_CASES_BY_KEY = renew_records.find_costly_cases()
-RECORD_CLASSES = (
-    renew_records.CostlyCaseRecords,
-    renew_records.TimeAndMemoryRecords,
-    renew_records.CalculixResultRecords,
-)
+RECORD_KINDS = renew_records.list_record_kinds()
 
 
 def read_rows_of_costly_cases():
     return records.read_rows(records.COSTLY_CASES)
 
 
-@pytest.mark.parametrize("record_class", RECORD_CLASSES)
-def test_rows_of_a_record_have_complete_headers_and_known_keys(record_class):
-    rows = records.read_rows(record_class().path)
-    assert rows.keys() <= set(record_class().list_keys())
-    if (
-        record_class is not renew_records.CostlyCaseRecords
-    ):  # costly cases without a row are computed
-        assert rows.keys() == set(record_class().list_keys())
+@pytest.mark.parametrize("kind", RECORD_KINDS, ids=operator.attrgetter("title"))
+def test_rows_of_a_record_have_complete_headers_and_known_keys(kind):
+    rows = records.read_rows(kind.path)
+    assert rows.keys() <= set(kind.list_keys())
+    # Costly cases without a row are computed
+    if not isinstance(kind, renew_records.CostlyCaseRecords):
+        assert rows.keys() == set(kind.list_keys())
     for key, row in rows.items():
-        assert record_class().may_have_key(key)
+        assert [other for other in RECORD_KINDS if other.may_have_key(key)] == [kind]
         assert row.versions
         assert date(2026, 11, 1) <= date.fromisoformat(row.date)
         assert re.fullmatch("[0-9a-f]{64}", row.input_sha256)
-        assert (row.machine is not None) is (record_class is renew_records.TimeAndMemoryRecords)
+        assert (row.machine is not None) is isinstance(kind, renew_records.TimeAndMemoryRecords)
 
 
 def test_rows_of_costly_cases_have_their_parameters_and_digest():
@@ -58,6 +59,15 @@ def test_measured_rows_have_the_digest_of_their_measurement():
         assert row.input_sha256 == records.digest_input(row.content["row"])
 
 
+def test_rows_of_tables_have_the_digests_of_their_columns_models_and_treatments():
+    for path, digests in (
+        (records.TABLE_1_COLUMNS, map(ensemble.digest_input, ensemble.SUPPORTS)),
+        (records.TABLE_1_SHIFTS, map(shifts.digest_input, ensemble.read_columns())),
+        (records.TABLE_2, map(buckling_models.digest_input, buckling_models.MESHES)),
+    ):
+        assert [row.input_sha256 for row in records.read_rows(path).values()] == list(digests)
+
+
 def test_only_costly_cases_are_recorded():
     assert all(map(records.takes_long_enough_to_record, read_rows_of_costly_cases().values()))
 
@@ -68,6 +78,9 @@ def test_rows_are_read_as_they_were_written(tmp_path):
         records.create_row_with_current_date("V1/a", "0" * 64, {"scalars": {"y": 0.1 + 0.2}}),
         records.create_row_with_current_date(
             "K/b", "1" * 64, {}, {"calculix": "2.20"}, "a machine"
+        ),
+        records.create_row_with_current_date(
+            "table-2/c", "2" * 64, {"x": [[1, None], []], "what": "[a, \n b]"}
         ),
     ]
     assert records.read_rows(path) == {}
@@ -158,14 +171,70 @@ def test_check_of_costs_compares_counts_and_not_times(monkeypatch, capsys):
         measured = row.content["measured"] | {"seconds": 99.0, "iterations": 9} | changes
         return lambda *_: replace(row, content=row.content | {"measured": measured})
 
-    monkeypatch.setattr(measure, "measure", make_measure_of_changed_numbers())
+    monkeypatch.setattr(measure, "measure_and_make_record_row", make_measure_of_changed_numbers())
     assert renew_records.main(["--check", key]) == 0
-    monkeypatch.setattr(measure, "measure", make_measure_of_changed_numbers(sticking=1.0))
+    monkeypatch.setattr(
+        measure, "measure_and_make_record_row", make_measure_of_changed_numbers(sticking=1.0)
+    )
     assert renew_records.main(["--check", key]) == 1
     assert f"TOO LARGE: {key} sticking" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("key", ["V13/square-own-65", "K/none-*", "calculix/none"])
+@pytest.mark.parametrize(
+    ("name", "key"),
+    [
+        ("TABLE_1_COLUMNS", "table-1-columns/4"),
+        ("TABLE_1_SHIFTS", "table-1-shifts/1-1"),
+        ("TABLE_2", "table-2/right-2x1"),
+    ],
+)
+def test_check_of_tables_notices_a_changed_digit_and_another_input(
+    name, key, tmp_path, monkeypatch, capsys
+):
+    """The computation is replaced; tests of sections 7.5 and 7.6 compute some rows."""
+    rows = records.read_rows(getattr(records, name))
+    (kind,) = (kind for kind in RECORD_KINDS if kind.may_have_key(key))
+    monkeypatch.setattr(records, name, tmp_path / "record.json")
+    monkeypatch.setattr(import_module(kind.module_name), "compute_row", lambda key: rows[key])
+    assert renew_records.main(["--check", key]) == 1
+    assert renew_records.main([key]) == 0  # writes the row
+    assert list(records.read_rows(tmp_path / "record.json").values()) == [rows[key]]
+    assert renew_records.main(["--check", key]) == 0
+    content = copy.deepcopy(rows[key].content)
+    if name == "TABLE_1_COLUMNS":
+        content["least"] += 2e-3
+    else:
+        content["six" if name == "TABLE_1_SHIFTS" else "new_mode_2"][-1][-1] += 4
+    records.write_rows(tmp_path / "record.json", [replace(rows[key], content=content)])
+    assert renew_records.main(["--check", key]) == 1
+    records.write_rows(tmp_path / "record.json", [replace(rows[key], input_sha256="0" * 64)])
+    assert renew_records.main(["--check", key]) == 1
+    messages = [line.partition(" (")[0] for line in capsys.readouterr().err.splitlines()]
+    assert [message for message in messages if message.startswith("renew_records")] == [
+        f"renew_records: {key}: not in the record",
+        f"renew_records: {key}: differs by {'2.0e+01' if name == 'TABLE_1_COLUMNS' else '4.0e+00'}",
+        f"renew_records: {key}: the input is not the one of the record",
+    ]
+
+
+def test_columns_differ_by_their_lengths_and_infinitely_by_their_meshes():
+    row = records.read_rows(records.TABLE_1_COLUMNS)["table-1-columns/1"]
+    columns = row.content["columns"]
+    (topology, lengths, *ends), *others = columns
+    longer = [topology, [lengths[0] + 3e-7, *lengths[1:]], *ends]
+    for changed_columns, difference in (
+        (columns, 0.0),
+        ([longer, *others], pytest.approx(3.0)),
+        (others, np.inf),
+        ([*others, columns[0]], np.inf),
+    ):
+        changed_row = replace(row, content=row.content | {"columns": changed_columns})
+        assert ensemble.difference_of_rows(changed_row, row) == difference
+
+
+@pytest.mark.parametrize(
+    "key", ["V13/square-own-65", "K/none-*", "calculix/none", "table-1-shifts/2-*"]
+)
 def test_unknown_keys_are_refused(key, capsys):
     with pytest.raises(SystemExit):
         renew_records.main([key])

@@ -206,16 +206,6 @@ def inverse_problem_scalar(results: Results, row: str, group: str, name: str) ->
     return results.scalar("7.6/inverse", f"{row}_{group}_{name}")
 
 
-def largest_odds_of_best_models(results: Results) -> float:
-    """Return the largest odds against chance of the models nearest to Table 2.
-
-    There is one nearest model each for CPS6, for the user element and for all four values.
-    """
-    return max(
-        inverse_problem_scalar(results, row, "all", "odds") for row in (*_PRINTED_ROW_NAMES, "both")
-    )
-
-
 def stress_change_by_weights(results: Results, group: str, name: str, mode: int) -> float:
     """Return the change of a critical stress due to the weight functions alone, in per cent.
 

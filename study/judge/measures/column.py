@@ -175,14 +175,6 @@ def blind_test_scalar(results: Results, row: str, name: str) -> float:
     return results.scalar("7.5/blind", f"{row}_{name}")
 
 
-def largest_odds_of_blind_test(results: Results) -> float:
-    """Return the largest odds against chance in the blind test of Table 1.
-
-    The maximum is taken over the shifts of either user element and all twelve shifts together.
-    """
-    return max(blind_test_scalar(results, row, "odds") for row in ("six", "eight", "both"))
-
-
 def column_height(results: Results, reading: str) -> float:
     """Return the height in m of a similar column whose first eigenvalue has the digits of CAX8's.
 

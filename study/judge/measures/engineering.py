@@ -125,56 +125,18 @@ def n_changed_answers(results: Results, rank: int, cell: str = "") -> float:
     )
 
 
-def n_answers_with_disjoint_bands(results: Results, rank: int, cell: str = "") -> float:
-    """Return the number of answers for which the bands of the two elements do not overlap.
-
-    Bands count as disjoint even if they are very close.
-    """
-    bands = [
-        [answer_band_of_shifted_meshes(results, *answer, is_new, rank) for is_new in (False, True)]
-        for answer in _list_answer_keys_of_cell(results, cell)
-    ]
-    return float(sum(not _bands_overlap(standard, new) for standard, new in bands))
-
-
 def n_resolved_error_ratios(results: Results, rank: int, better: bool) -> float:
     """Return the number of resolved error ratios that favour one of the elements.
 
     The element is the new one if `better` is true, and the standard one otherwise.
     """
     count = 0
-    for answer in _list_answer_keys(results):
+    for answer in list_answer_keys(results):
         standard, new = (
             error_range_of_answer_band(results, *answer, is_new, rank) for is_new in (False, True)
         )
         count += new[1] < standard[0] if better else standard[1] < new[0]
     return float(count)
-
-
-def largest_distance_of_band_middles(results: Results, rank: int, cell: str = "") -> float:
-    """Return the largest distance between the middles of the two elements' bands over all answers.
-
-    It is relative to the reference.
-    """
-    return max(
-        middle_distance(results, *answer, rank)
-        for answer in _list_answer_keys_of_cell(results, cell)
-    )
-
-
-def largest_answer_difference_within_bands(results: Results, rank: int, cell: str = "") -> float:
-    """Return the largest difference between an answer in one element's band and one in the other's.
-
-    The maximum is taken over all answers; the difference is relative to the reference.
-    """
-    largest = 0.0
-    for answer in _list_answer_keys_of_cell(results, cell):
-        standard, new = (
-            answer_band_of_shifted_meshes(results, *answer, is_new, rank)
-            for is_new in (False, True)
-        )
-        largest = max(largest, standard[1] - new[0], new[1] - standard[0])
-    return largest
 
 
 def reading_with_smallest_errors(
@@ -219,7 +181,7 @@ def reference_uncertainty(
     """Return the largest relative uncertainty of the references that match the arguments."""
     return max(
         reference_answer(results, *answer_key)[1]
-        for answer_key in _list_answer_keys(results)
+        for answer_key in list_answer_keys(results)
         if problem in ("", answer_key[0])
         and cell in ("", answer_key[1])
         and name in (None, answer_key[2])
@@ -248,29 +210,6 @@ def reading_error(
 ) -> float:
     """Return the relative error of an element's answer with one reading on the mesh of a rank."""
     return answer_errors_by_mesh(results, problem, cell, name, [reading], new)[rank]
-
-
-def least_standard_to_new_wear_error_ratio(
-    results: Results, cell: str, readings: Sequence[str], name: str = ""
-) -> float:
-    """Return the smallest ratio of the standard to the new element's error in the wear problem.
-
-    The minimum is taken over the meshes and the given readings of the standard element. The ratio
-    is the error with the reading minus the uncertainty of the reference, divided by the largest
-    error in the new element's band.
-    """
-    uncertainty = reference_answer(results, "wear", cell, name)[1]
-    error_ratios = []
-    for rank, mesh in enumerate(_list_mesh_numbers(results, "wear", cell)):
-        new_error = error_range_of_answer_band(results, "wear", cell, name, True, rank)[1]
-        for reading in readings:
-            (rule_result,) = _find_results_with_readings(
-                results, "wear", mesh, f"galerkin-{cell}", (reading,)
-            )
-            error_ratios.append(
-                (_answer_error(results, rule_result, name) - uncertainty) / new_error
-            )
-    return min(error_ratios)
 
 
 def least_rule_error(results: Results, problem: str, cell: str, name: str = "") -> float:
@@ -375,24 +314,13 @@ def answer_differences_by_mesh(
     )
 
 
-def largest_answer_difference(results: Results, finer: bool = True) -> float:
-    """Return the largest relative difference of the two elements' answers over all answers.
-
-    The second-coarsest mesh is used if `finer` is true, and the coarsest one otherwise.
-    """
-    return max(
-        answer_differences_by_mesh(results, *answer)[int(finer)]
-        for answer in _list_answer_keys(results)
-    )
-
-
 def n_distinct_answers(results: Results) -> float:
     """Return the number of answers that differ between the elements by more than both errors.
 
     They must do so on each of the two coarser meshes.
     """
     count = 0
-    for problem, cell, name in _list_answer_keys(results):
+    for problem, cell, name in list_answer_keys(results):
         pairs = [
             select_results_with_best_readings(results, problem, cell, mesh, name)
             for mesh in _list_mesh_numbers(results, problem, cell)[:2]
@@ -450,7 +378,7 @@ def _relative_answer_difference(
     return abs((standard.scalars[f"{name}answer"] - new.scalars[f"{name}answer"]) / reference)
 
 
-def _list_answer_keys(results: Results) -> list[tuple[str, str, str]]:
+def list_answer_keys(results: Results) -> list[tuple[str, str, str]]:
     """Return the problem, cell type and name prefix of every answer."""
     answer_keys = {
         (
@@ -468,7 +396,7 @@ def _list_answer_keys(results: Results) -> list[tuple[str, str, str]]:
 
 
 def _list_answer_keys_of_cell(results: Results, cell: str) -> list[tuple[str, str, str]]:
-    return [answer for answer in _list_answer_keys(results) if cell in ("", answer[1])]
+    return [answer for answer in list_answer_keys(results) if cell in ("", answer[1])]
 
 
 def _element_name(problem: str, cell: str, new: bool) -> str:

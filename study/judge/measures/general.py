@@ -129,6 +129,19 @@ def curve_at(results: Results, key: str, name: str, x: float) -> float:
     return float(np.interp(x, curves["x"], curves[name]))
 
 
+def curve_ratio_at(results: Results, key: str, other: str, name: str, x: float) -> float:
+    """Return the value of one case's curve at x over that of another case's curve; see `curve_at`.
+
+    Args:
+        results: Stored results.
+        key: Key of the first case.
+        other: Key of the second case, by whose value is divided.
+        name: Name of both curves.
+        x: Coordinate.
+    """
+    return curve_at(results, key, name, x) / curve_at(results, other, name, x)
+
+
 def curve_difference(results: Results, key: str, name: str, other: str, other_name: str) -> float:
     """Return the largest difference of two curves at the same nodes.
 

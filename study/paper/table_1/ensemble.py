@@ -1,6 +1,7 @@
 """Columns fitted to CAX6 and CAX8 of Table 1 alone, for each set of supports of the vibration.
 
-    ./run python3 -m study.paper.table_1.ensemble      fit the columns anew; write columns.json
+They are recorded: `./run python3 -m study.publish.renew_records 'table-1-columns/*'` fits all anew,
+in 16 CPU minutes.
 
 What follows was fixed before any eigenvalue of a user element was computed on these columns.
 
@@ -20,13 +21,8 @@ All combinations of the four surfaces are tried, normal to the surface or in its
 set of supports under which no column comes within `SCOUTED_DEVIATION` on a coarse mesh is left out.
 """
 
-import json
-import sys
-from dataclasses import dataclass, field
-from datetime import date
+from functools import cache
 from itertools import combinations
-from pathlib import Path
-from time import process_time
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -45,10 +41,8 @@ from study.paper.table_1.columns import (
     make_standard_quadrilateral_element,
     make_standard_triangle_element,
 )
-from study.run.files import replace_file_atomically
-from study.run.provenance import package_versions
-
-COLUMNS_RECORD = Path(__file__).with_name("columns.json")
+from study.run import records
+from study.run.records import RecordRow
 
 SUPPORTS = tuple(
     Supports(surfaces, tangential)
@@ -93,20 +87,13 @@ class Column(NamedTuple):
     standard: Array
 
 
-@dataclass
-class Elements:
-    """The standard elements on each topology, made when they are first used."""
-
-    made: dict[Topology, tuple[MovingMeshElement, MovingMeshElement]] = field(default_factory=dict)
-
-    def on(self, topology: Topology) -> tuple[MovingMeshElement, MovingMeshElement]:
-        """Return the standard triangle and quadrilateral on a topology."""
-        if topology not in self.made:
-            self.made[topology] = (
-                make_standard_triangle_element(topology),
-                make_standard_quadrilateral_element(topology),
-            )
-        return self.made[topology]
+@cache
+def make_standard_elements(topology: Topology) -> tuple[MovingMeshElement, MovingMeshElement]:
+    """Return the standard triangle and quadrilateral on a topology."""
+    return (
+        make_standard_triangle_element(topology),
+        make_standard_quadrilateral_element(topology),
+    )
 
 
 def deviations(values: Array) -> Array:
@@ -204,9 +191,7 @@ def scout(supports: Supports) -> tuple[Array, float]:
     return best, least
 
 
-def fit_columns(
-    supports: Supports, centre: Array, elements: Elements
-) -> tuple[list[Column], int, float]:
+def fit_columns(supports: Supports, centre: Array) -> tuple[list[Column], int, float]:
     """Return the accepted columns around some lengths (8,), the draws, and the least deviation."""
     random = np.random.default_rng([SEED, *supports.surfaces, supports.tangential])
     accepted: list[Column] = []
@@ -217,7 +202,7 @@ def fit_columns(
         grading = round(float(np.exp(random.uniform(*np.log(GRADINGS)))), 3)
         fillet = 0.0 if draw % 3 == 0 else round(float(random.uniform(*FILLETS)), 3)
         start = Shape(_draw_lengths(centre, SCATTER, random), grading, fillet)
-        pair = elements.on(topology)
+        pair = make_standard_elements(topology)
         shape, _ = _fit(pair, PRINTED, start, supports, STEPS)
         shape = shape._replace(lengths=shape.lengths.round(7))
         values = np.array(
@@ -231,40 +216,95 @@ def fit_columns(
     return accepted, draw, least
 
 
-def main() -> None:
-    """Fit the columns under all supports and write their record."""
-    start, elements, rows = process_time(), Elements(), []
-    for supports in SUPPORTS:
-        centre, scouted = scout(supports)
-        columns: list[Column] = []
-        draws, least = 0, scouted
-        if scouted <= SCOUTED_DEVIATION:
-            columns, draws, least = fit_columns(supports, centre, elements)
-        row: dict[str, Any] = {
+# The record
+
+RECORD_TOLERANCE = 10
+"""Last digits by which a column that is fitted again may differ from the record."""
+_LENGTH_DIGIT, _SCOUTED_DIGIT, _LEAST_DIGIT = 1e-7, 1e-3, 1e-4
+"""Last recorded digits of lengths in m, and of deviations in per cent."""
+
+
+def list_keys() -> list[str]:
+    """Return the keys of all rows, such as "table-1-columns/14-tangential"."""
+    return [f"table-1-columns/{_name_supports(supports)}" for supports in SUPPORTS]
+
+
+def digest_input(supports: Supports) -> str:
+    """Return the digest of all that decides which columns are fitted under some supports."""
+    return records.digest_input(
+        {
             "supports": supports[:2],
-            "scouted": round(scouted, 3),
-            "draws": draws,
-            "least": round(least, 4),
-            "columns": [
-                [column.topology, column.shape.lengths.tolist(), *column.shape[1:]]
-                for column in columns
-            ],
+            "printed": PRINTED.tolist(),
+            "deviations": [ACCEPTED_DEVIATION, SCOUTED_DEVIATION],
+            "draws": [COLUMNS, MAX_DRAWS, MAX_DRAWS_WITHOUT_SUCCESS],
+            "steps": [SCOUTS, SCOUT_STEPS, STEPS, SCOUT_SCATTER, SCATTER, SEED],
+            "starts": [page_lengths(name).tolist() for name in ("first", "second")],
+            "meshes": [DIVISIONS, PATTERNS, COARSE_TOPOLOGY, GRADINGS, FILLETS],
         }
-        rows.append(row)
-        words = f"{len(columns)} of {draws}, {least:.3g} %, {process_time() - start:.0f} CPU s"
-        print(f"{supports.surfaces} {supports.tangential}: {words}", file=sys.stderr, flush=True)
-    head = {
-        "what": "Columns of section 7.5 fitted to CAX6 and CAX8 of Table 1: lengths in m",
-        "renew": "./run python3 -m study.paper.table_1.ensemble",
-        "date": date.today().isoformat(),
-        "seconds": round(process_time() - start, 1),
-        "versions": package_versions(),
+    )
+
+
+def compute_row(key: str) -> RecordRow:
+    """Fit the columns under the supports of a key."""
+    supports = SUPPORTS[list_keys().index(key)]
+    centre, scouted = scout(supports)
+    columns: list[Column] = []
+    draws, least = 0, scouted
+    if scouted <= SCOUTED_DEVIATION:
+        columns, draws, least = fit_columns(supports, centre)
+    content = {
+        "supports": [list(supports.surfaces), supports.tangential],
+        "scouted": round(scouted, 3),
+        "draws": draws,
+        "least": round(least, 4),
+        "columns": [
+            [
+                [*map(list, column.topology[:2]), column.topology.pattern],
+                column.shape.lengths.tolist(),
+                *column.shape[1:],
+            ]
+            for column in columns
+        ],
     }
-    parts = [f'"{name}": {json.dumps(value, ensure_ascii=False)}' for name, value in head.items()]
-    lines = ",\n".join(json.dumps(row, separators=(",", ":")) for row in rows)
-    text = "{\n" + ",\n".join(parts) + ',\n"rows": [\n' + lines + "\n]}\n"
-    replace_file_atomically(COLUMNS_RECORD, text.encode())
+    return records.create_row_with_current_date(key, digest_input(supports), content)
 
 
-if __name__ == "__main__":
-    main()
+def difference_of_rows(row: RecordRow, recorded: RecordRow) -> float:
+    """Return the largest difference of two rows in last digits; infinite for other meshes.
+
+    Args:
+        row: Computed row.
+        recorded: Recorded row with the same key.
+    """
+    new, old = row.content, recorded.content
+    if new["draws"] != old["draws"] or _list_meshes(new) != _list_meshes(old):
+        return float("inf")
+    differences = [
+        abs(new["scouted"] - old["scouted"]) / _SCOUTED_DIGIT,
+        abs(new["least"] - old["least"]) / _LEAST_DIGIT,
+    ]
+    for (_, lengths, *_), (_, old_lengths, *_) in zip(new["columns"], old["columns"], strict=True):
+        differences.append(np.abs(np.subtract(lengths, old_lengths)).max() / _LENGTH_DIGIT)
+    return float(max(differences))
+
+
+def read_columns() -> dict[str, tuple[Supports, Topology, Shape]]:
+    """Return all recorded columns with their supports, by names such as "14-tangential-1"."""
+    columns = {}
+    for row in records.read_rows(records.TABLE_1_COLUMNS).values():
+        supports = Supports(tuple(row.content["supports"][0]), row.content["supports"][1])
+        for number, (topology, lengths, grading, fillet) in enumerate(row.content["columns"], 1):
+            columns[f"{_name_supports(supports)}-{number}"] = (
+                supports,
+                Topology(tuple(topology[0]), tuple(topology[1]), topology[2]),
+                Shape(np.array(lengths), grading, fillet),
+            )
+    return columns
+
+
+def _name_supports(supports: Supports) -> str:
+    return "".join(map(str, supports.surfaces)) + "-tangential" * supports.tangential
+
+
+def _list_meshes(content: dict[str, Any]) -> list[Any]:
+    return [[topology, grading, fillet] for topology, _, grading, fillet in content["columns"]]

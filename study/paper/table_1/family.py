@@ -1,7 +1,7 @@
 """Treatments of the user elements, and the shifts of eigenvalues that follow on fitted columns.
 
-    ./run python3 -m study.paper.table_1.family            compute all shifts; write the record
-    ./run python3 -m study.paper.table_1.family --check    compute all; compare with the record
+They are recorded: `./run python3 -m study.publish.renew_records 'table-1-shifts/*'` computes all
+anew, in two CPU minutes.
 
 The paper prints neither how its programs formed the mass of an unsymmetric element, nor how they
 passed it to a symmetric eigenvalue solver, nor the supports of the vibration. The family, written
@@ -19,18 +19,9 @@ down before its values were computed, is the product of what these may have been
 A shift is a user element's eigenvalue over that of CAX6 or CAX8 on the same column, less 1.
 """
 
-import argparse
-import hashlib
-import json
-import sys
-from collections.abc import Iterator
-from dataclasses import dataclass
-from datetime import date
-from functools import cached_property
+from functools import cache
 from itertools import product
-from pathlib import Path
-from time import process_time
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import bsr_matrix, csr_matrix, diags
@@ -48,11 +39,10 @@ from study.paper.table_1.columns import (
     compute_standard_element_eigenvalues,
     make_standard_quadrilateral_element,
 )
-from study.paper.table_1.ensemble import COLUMNS_RECORD
-from study.run.files import replace_file_atomically
-from study.run.provenance import package_versions
+from study.paper.table_1.ensemble import read_columns
+from study.run import records
+from study.run.records import RecordRow
 
-RECORD = Path(__file__).with_name("family.json")
 UNIT = 1e-5
 """Unit in which the record has shifts, in per cent."""
 RECORD_TOLERANCE = 3
@@ -248,106 +238,62 @@ def _match_nodes(triangles: MovingMeshElement, quadrilaterals: MovingMeshElement
 # The record
 
 
-@dataclass(frozen=True)
-class FamilyRecord:
-    """The tracked records of columns and shifts."""
+def list_keys() -> list[str]:
+    """Return the keys of all rows, such as "table-1-shifts/14-tangential-1"."""
+    return [f"table-1-shifts/{column}" for column in read_columns()]
 
-    path: Path = RECORD
-    columns_path: Path = COLUMNS_RECORD
 
-    @cached_property
-    def digest(self) -> str:
-        """Digest of both files, from which a stored result tells whether they have changed."""
-        content = self.columns_path.read_bytes() + self.path.read_bytes()
-        return hashlib.sha256(content).hexdigest()[:16]
+def digest_input(column: str) -> str:
+    """Return the digest of a column, named as by `read_columns`, and of the treatments."""
+    supports, topology, shape = read_columns()[column]
+    lengths = [shape.lengths.tolist(), *shape[1:]]
+    return records.digest_input([supports[:2], topology, lengths, TREATMENTS])
 
-    @cached_property
-    def columns(self) -> dict[str, Any]:
-        """All of the file of columns."""
-        return dict(json.loads(self.columns_path.read_text(encoding="utf-8")))
 
-    @cached_property
-    def rows(self) -> list[dict[str, Any]]:
-        """Rows of the file of shifts, in the order of `list_columns`."""
-        return list(json.loads(self.path.read_text(encoding="utf-8"))["rows"])
-
-    def list_columns(self) -> list[tuple[Supports, Topology, Shape]]:
-        """Return all fitted columns with their supports."""
-        return [
-            (
-                Supports(tuple(row["supports"][0]), row["supports"][1]),
-                Topology(tuple(topology[0]), tuple(topology[1]), topology[2]),
-                Shape(np.array(lengths), grading, fillet),
-            )
-            for row in self.columns["rows"]
-            for topology, lengths, grading, fillet in row["columns"]
+def compute_row(key: str) -> RecordRow:
+    """Compute the shifts on the column of a key."""
+    column = key.partition("/")[2]
+    supports, topology, shape = read_columns()[column]
+    shifts = _user_elements(topology).compute_shifts(shape, supports)
+    content = {
+        "standard": [[float(f"{value:.9g}") for value in values] for values in shifts.standard],
+        "axis": float(f"{shifts.axis:.1g}"),
+    }
+    for name in TREATMENTS:
+        content[name] = [
+            [None if np.isnan(x) else round(x / UNIT) for x in values]
+            for values in getattr(shifts, name)
         ]
-
-    def shifts(self, name: str) -> Array:
-        """Return all shifts (columns, treatments, 6) of "six" or "eight" nodes, in per cent."""
-        return np.array([row[name] for row in self.rows], dtype=float) * UNIT
+    return records.create_row_with_current_date(key, digest_input(column), content)
 
 
-def _compute_rows() -> Iterator[dict[str, Any]]:
-    elements: dict[Topology, UserElements] = {}
-    for supports, topology, shape in FamilyRecord().list_columns():
-        if topology not in elements:
-            elements[topology] = UserElements(topology)
-        shifts = elements[topology].compute_shifts(shape, supports)
-        row: dict[str, Any] = {
-            "standard": [[float(f"{value:.9g}") for value in values] for values in shifts.standard],
-            "axis": float(f"{shifts.axis:.1g}"),
-        }
-        for name in TREATMENTS:
-            row[name] = [
-                [None if np.isnan(x) else round(x / UNIT) for x in values]
-                for values in getattr(shifts, name)
-            ]
-        yield row
+def difference_of_rows(row: RecordRow, recorded: RecordRow) -> float:
+    """Return the largest difference of two rows in last digits; infinite if others are missing.
 
-
-def _difference(row: dict[str, Any], recorded: dict[str, Any]) -> float:
-    """Return the largest difference of two rows, in units of the record."""
+    Args:
+        row: Computed row.
+        recorded: Recorded row with the same key.
+    """
     worst = 0.0
     for name in TREATMENTS:
-        new, old = np.array(row[name], dtype=float), np.array(recorded[name], dtype=float)
+        new, old = (np.array(compared.content[name], dtype=float) for compared in (row, recorded))
         if not np.array_equal(np.isnan(new), np.isnan(old)):
             return float("inf")
         worst = max(worst, float(np.nanmax(np.abs(new - old))))
-    ratio = np.array(row["standard"]) / np.array(recorded["standard"])
+    ratio = np.array(row.content["standard"]) / np.array(recorded.content["standard"])
     return max(worst, float(np.abs(100 * (ratio - 1)).max()) / UNIT)
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Compute all shifts; write the record, or compare with it. The status is 1 if they differ."""
-    parser = argparse.ArgumentParser(prog="study.paper.table_1.family")
-    parser.add_argument("--check", action="store_true", help="compare with the record")
-    options = parser.parse_args(arguments)
-    start, rows = process_time(), []
-    for row in _compute_rows():
-        rows.append(row)
-        print(
-            f"column {len(rows)}: {process_time() - start:.0f} CPU s", file=sys.stderr, flush=True
-        )
-    if options.check:
-        worst = max(_difference(*both) for both in zip(rows, FamilyRecord().rows, strict=True))
-        print(f"largest difference: {worst:g} of the record's last digits")
-        return int(worst > RECORD_TOLERANCE)
-    head = {
-        "what": "Shifts, in 0.00001 %, of the eigenvalues of section 7.5's Table 1 on the columns of "
-        "columns.json; null: none",
-        "renew": "./run python3 -m study.paper.table_1.family",
-        "date": date.today().isoformat(),
-        "seconds": round(process_time() - start, 1),
-        "versions": package_versions(),
-        "treatments": TREATMENTS,
-    }
-    parts = [f'"{name}": {json.dumps(value, ensure_ascii=False)}' for name, value in head.items()]
-    lines = ",\n".join(json.dumps(row, separators=(",", ":")) for row in rows)
-    text = "{\n" + ",\n".join(parts) + ',\n"rows": [\n' + lines + "\n]}\n"
-    replace_file_atomically(RECORD, text.encode())
-    return 0
+def read_shifts(name: str) -> Array:
+    """Return all shifts (columns, treatments, 6) of "six" or "eight" nodes, in per cent.
+
+    The columns are in the order of `study.paper.table_1.ensemble.read_columns`.
+    """
+    rows = records.read_rows(records.TABLE_1_SHIFTS)
+    values = [rows[key].content[name] for key in list_keys()]
+    return np.array(values, dtype=float) * UNIT
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+@cache
+def _user_elements(topology: Topology) -> UserElements:
+    return UserElements(topology)

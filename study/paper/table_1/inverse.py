@@ -37,8 +37,9 @@ from scipy.stats import spearmanr
 from study.model.units import assign_units_to_scalars
 from study.paper.items import TABLE_1
 from study.paper.table_1.columns import Array, Supports
-from study.paper.table_1.ensemble import ACCEPTED_DEVIATION, SUPPORTS
-from study.paper.table_1.family import TREATMENTS, FamilyRecord, Treatment
+from study.paper.table_1.ensemble import ACCEPTED_DEVIATION, SUPPORTS, read_columns
+from study.paper.table_1.family import TREATMENTS, Treatment, read_shifts
+from study.run import records
 from study.run.store import Result, StudyError
 
 RANDOM_ROWS, SEED = 10_000, 51
@@ -214,6 +215,11 @@ def _distances_outside_bands(
     return np.maximum(np.maximum(low - printed, printed - high), 0)
 
 
+def digest_records() -> str:
+    """Return the digest of the recorded columns and shifts."""
+    return records.digest_files(records.TABLE_1_COLUMNS, records.TABLE_1_SHIFTS)[:16]
+
+
 def blind_test(record: str) -> Result:
     """Compare the shifts of either user element and all twelve shifts with all mechanisms.
 
@@ -228,14 +234,11 @@ def blind_test(record: str) -> Result:
     Raises:
         StudyError: If the records have another digest.
     """
-    family_record = FamilyRecord()
-    if family_record.digest != record:
-        raise StudyError(
-            f"the records of Table 1 have the digest {family_record.digest}, not {record}"
-        )
-    columns = family_record.list_columns()
-    supports = np.array([SUPPORTS.index(column[0]) for column in columns])
-    shifts = {name: family_record.shifts(name) for name in TREATMENTS}
+    digest = digest_records()
+    if digest != record:
+        raise StudyError(f"the records of Table 1 have the digest {digest}, not {record}")
+    supports = np.array([SUPPORTS.index(column[0]) for column in read_columns().values()])
+    shifts = {name: read_shifts(name) for name in TREATMENTS}
     numbers = {name: np.arange(len(t))[:, None] for name, t in TREATMENTS.items()}
     printed = {name: printed_shifts_and_rounding(name) for name in TREATMENTS}
     pairs = list_matching_treatment_pairs()
@@ -266,7 +269,7 @@ def blind_test(record: str) -> Result:
             f"{name}_median": mechanisms.median,
             f"{name}_place": mechanisms.place,
         }
-    scalars |= _summarise_fitted_columns(family_record, supports)
+    scalars |= _summarise_fitted_columns(supports)
     for name in TREATMENTS:
         scalars |= _summarise_standard_mass_treatment(
             name, shifts[name], supports, printed[name][0]
@@ -307,20 +310,18 @@ def _encode_supports_and_treatments(name: str, place: list[int]) -> dict[str, fl
     return numbers
 
 
-def _summarise_fitted_columns(
-    family_record: FamilyRecord, supports: npt.NDArray[np.intp]
-) -> dict[str, float]:
+def _summarise_fitted_columns(supports: npt.NDArray[np.intp]) -> dict[str, float]:
     """Return scalars on the columns that fit CAX6 and CAX8.
 
     They include the number of columns, in total and for each set of supports, and the smallest
     deviation from Table 1 for each set of supports.
 
     Args:
-        family_record: Record of the columns and their shifts.
         supports: Indices (columns,) of the columns' supports.
     """
     four = [SUPPORTS.index(Supports((1, 2, 3, 4), tangential)) for tangential in (False, True)]
-    rows = family_record.columns["rows"]
+    rows = [row.content for row in records.read_rows(records.TABLE_1_COLUMNS).values()]
+    shifts = records.read_rows(records.TABLE_1_SHIFTS)
     scalars = {
         "columns": float(len(supports)),
         "accepted_deviation": ACCEPTED_DEVIATION,
@@ -330,7 +331,7 @@ def _summarise_fitted_columns(
         ),
         "least_columns": float(MIN_COLUMNS),
         "draws": float(sum(row["draws"] for row in rows)),
-        "largest_axis": max(row["axis"] for row in family_record.rows),
+        "largest_axis": max(row.content["axis"] for row in shifts.values()),
         "least_four": min(rows[number]["least"] for number in four),
     }
     for number, row in enumerate(rows):

@@ -1,7 +1,7 @@
 """Models of Table 2's beam: a family of assumptions and the critical stresses that follow.
 
-    ./run python3 -m study.paper.table_2.family            compute all models; write the record
-    ./run python3 -m study.paper.table_2.family --check    compute all; compare with the record
+They are recorded: `./run python3 -m study.publish.renew_records 'table-2/*'` computes all anew, in
+six CPU minutes.
 
 The paper prints neither the mesh nor the supports, nor how its programs form the matrices. The
 family is the product of what they may have been:
@@ -25,18 +25,10 @@ Modes 1 and 2 of a model share all assumptions, and CPS6 and the user element sh
 Each distinct eigenvalue problem is solved once.
 """
 
-import argparse
-import hashlib
-import json
-import sys
-from collections.abc import Iterator
 from dataclasses import dataclass
-from datetime import date
-from functools import cache, cached_property
+from functools import cache
 from itertools import product
-from pathlib import Path
-from time import process_time
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -50,14 +42,12 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, SuperLU, ei
 from pw_elements import Body, Material, Spaces, assemble_matrix, assemble_vector, boundary_measure
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import DiagonalPattern, triangles
-from study.run.files import replace_file_atomically
-from study.run.provenance import package_versions
+from study.run import records
+from study.run.records import RecordRow
 
 Array = npt.NDArray[np.float64]
 Form = Literal["G", "J"]
 FORMS: tuple[Form, Form] = ("G", "J")
-
-RECORD = Path(__file__).with_name("family.json")
 
 YOUNGS_MODULUS, HALF_LENGTH, HEIGHT = 2.07e11, 4.0, 1.0
 """Young's modulus as printed, in Pa, and lengths that follow from the printed Euler stresses.
@@ -364,103 +354,80 @@ def compute_mesh(mesh: Mesh) -> dict[str, dict[str, Array]]:
     }
 
 
-@dataclass(frozen=True)
-class ModelsRecord:
-    """The tracked record of all models."""
-
-    path: Path = RECORD
-
-    @cached_property
-    def content(self) -> dict[str, Any]:
-        """Whole content of the file."""
-        return dict(json.loads(self.path.read_text(encoding="utf-8")))
-
-    @cached_property
-    def digest(self) -> str:
-        """Digest of the file, stored with results to detect changes of the record."""
-        return hashlib.sha256(self.path.read_bytes()).hexdigest()[:16]
-
-    def mesh(self, mesh: Mesh, element: str, mode: str) -> Array:
-        """Return critical stresses (set-ups, treatments) in Pa of an element and mode on a mesh."""
-        row = self._rows[mesh]
-        return np.array(row[f"{element}_{mode}"], dtype=float) * PASCALS_PER_DIGIT
-
-    def family(self) -> Family:
-        """Return the critical stresses of all models."""
-        first = [MODE_1_SET_UPS.index(set_up[:2]) for set_up in SET_UPS]
-        stresses = {}
-        for element in TREATMENTS:
-            rows = [
-                np.stack(
-                    [
-                        self.mesh(mesh, element, "mode_1")[first],
-                        self.mesh(mesh, element, "mode_2"),
-                    ],
-                    axis=-1,
-                )
-                for mesh in MESHES
-            ]
-            stresses[element] = np.array(rows)
-        return Family(stresses)
-
-    @cached_property
-    def _rows(self) -> dict[Mesh, dict[str, Any]]:
-        return {Mesh(*row["mesh"]): row for row in self.content["rows"]}
+def list_keys() -> list[str]:
+    """Return the keys of all rows, such as "table-2/right-6x1"."""
+    return [_row_key(mesh) for mesh in MESHES]
 
 
-def _row(mesh: Mesh) -> dict[str, Any]:
-    row: dict[str, Any] = {"mesh": list(mesh)}
+def digest_input(mesh: Mesh) -> str:
+    """Return the digest of a mesh, the material, and all set-ups and treatments."""
+    beam = [YOUNGS_MODULUS, HALF_LENGTH, HEIGHT]
+    return records.digest_input([mesh, beam, MODE_1_SET_UPS, SET_UPS, TREATMENTS])
+
+
+def compute_row(key: str) -> RecordRow:
+    """Compute the critical stresses of all models on the mesh of a key."""
+    mesh = MESHES[list_keys().index(key)]
+    content: dict[str, object] = {"mesh": list(mesh)}
     for element, modes in compute_mesh(mesh).items():
         for mode, stresses in modes.items():
-            row[f"{element}_{mode}"] = [
+            content[f"{element}_{mode}"] = [
                 [None if np.isnan(s) else round(s / PASCALS_PER_DIGIT) for s in set_up]
                 for set_up in stresses
             ]
-    return row
+    return records.create_row_with_current_date(key, digest_input(mesh), content)
 
 
-def _write(rows: list[dict[str, Any]], seconds: float) -> None:
-    head = {
-        "what": "Critical stresses in kPa of the models of section 7.6's Table 2; null: none",
-        "renew": "./run python3 -m study.paper.table_2.family",
-        "date": date.today().isoformat(),
-        "seconds": round(seconds, 1),
-        "versions": package_versions(),
-        "mode_1_set_ups": MODE_1_SET_UPS,
-        "mode_2_set_ups": SET_UPS,
-        "treatments": TREATMENTS,
-    }
-    parts = [f'"{name}": {json.dumps(value, ensure_ascii=False)}' for name, value in head.items()]
-    lines = ",\n".join(json.dumps(row, separators=(",", ":")) for row in rows)
-    text = "{\n" + ",\n".join(parts) + ',\n"rows": [\n' + lines + "\n]}\n"
-    replace_file_atomically(RECORD, text.encode())
+def difference_of_rows(row: RecordRow, recorded: RecordRow) -> float:
+    """Return the largest difference of two rows in last digits; infinite if others are missing.
+
+    Args:
+        row: Computed row.
+        recorded: Recorded row with the same key.
+    """
+    worst = 0.0
+    for name in (name for name in row.content if name != "mesh"):
+        new, old = (np.array(compared.content[name], dtype=float) for compared in (row, recorded))
+        if not np.array_equal(np.isnan(new), np.isnan(old)):
+            return float("inf")
+        worst = max(worst, float(np.nanmax(np.abs(new - old))))
+    return worst
 
 
-def _differences(row: dict[str, Any], recorded: dict[str, Any]) -> Iterator[float]:
-    """Yield the largest difference of each array of a row from the record, in the record's unit."""
-    for name in (name for name in row if name != "mesh"):
-        new, old = np.array(row[name], dtype=float), np.array(recorded[name], dtype=float)
-        same_gaps = np.array_equal(np.isnan(new), np.isnan(old))
-        yield float(np.nanmax(np.abs(new - old))) if same_gaps else float("inf")
+def read_stresses(mesh: Mesh, element: str, mode: str) -> Array:
+    """Return recorded critical stresses (set-ups, treatments) in Pa.
+
+    Args:
+        mesh: One of `MESHES`.
+        element: "standard" or "new".
+        mode: "mode_1" or "mode_2".
+    """
+    return _stresses_of_row(records.read_rows(records.TABLE_2)[_row_key(mesh)], element, mode)
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Compute all models; write the record, or compare with it and return 1 if they differ."""
-    parser = argparse.ArgumentParser(prog="study.paper.table_2.family")
-    parser.add_argument("--check", action="store_true", help="compare with the record")
-    options = parser.parse_args(arguments)
-    start, rows = process_time(), []
-    for mesh in MESHES:
-        rows.append(_row(mesh))
-        print(f"{mesh}: {process_time() - start:.0f} CPU s", file=sys.stderr, flush=True)
-    if not options.check:
-        _write(rows, process_time() - start)
-        return 0
-    recorded = ModelsRecord().content["rows"]
-    worst = max(max(_differences(a, b)) for a, b in zip(rows, recorded, strict=True))
-    print(f"largest difference: {worst:g} of the record's last digits")
-    return int(worst > RECORD_TOLERANCE)
+def read_family() -> Family:
+    """Return the recorded critical stresses of all models."""
+    rows = records.read_rows(records.TABLE_2)
+    mode_1_indices = [MODE_1_SET_UPS.index(set_up[:2]) for set_up in SET_UPS]
+    stresses = {}
+    for element in TREATMENTS:
+        stresses_by_mesh = [
+            np.stack(
+                [
+                    _stresses_of_row(rows[key], element, "mode_1")[mode_1_indices],
+                    _stresses_of_row(rows[key], element, "mode_2"),
+                ],
+                axis=-1,
+            )
+            for key in list_keys()
+        ]
+        stresses[element] = np.array(stresses_by_mesh)
+    return Family(stresses)
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+def _stresses_of_row(row: RecordRow, element: str, mode: str) -> Array:
+    return np.array(row.content[f"{element}_{mode}"], dtype=float) * PASCALS_PER_DIGIT
+
+
+def _row_key(mesh: Mesh) -> str:
+    return f"table-2/{mesh.pattern}-{mesh.nx}x{mesh.ny}"

@@ -45,9 +45,10 @@ from study.paper.table_2.family import (
     TREATMENTS,
     Array,
     Family,
-    ModelsRecord,
     Treatment,
+    read_family,
 )
+from study.run import records
 from study.run.store import Result, StudyError
 
 RANDOM_ROWS, SEED = 10_000, 51
@@ -257,6 +258,11 @@ def compare_row_with_models(
     return scalars, chance
 
 
+def digest_record() -> str:
+    """Return the digest of the recorded models."""
+    return records.digest_files(records.TABLE_2)[:16]
+
+
 def inverse_problem(record: str) -> Result:
     """Compare either row and all four values of Table 2 with all models and with groups of models.
 
@@ -273,12 +279,10 @@ def inverse_problem(record: str) -> Result:
     Raises:
         StudyError: If the record has another digest.
     """
-    models_record = ModelsRecord()
-    if models_record.digest != record:
-        raise StudyError(
-            f"{models_record.path.name} has the digest {models_record.digest}, not {record}"
-        )
-    family = models_record.family()
+    digest = digest_record()
+    if digest != record:
+        raise StudyError(f"the record of Table 2 has the digest {digest}, not {record}")
+    family = read_family()
     uncertainty = {
         row: stress_change_between_adjacent_meshes(family.stresses[element], row)
         for row, element in ELEMENTS.items()
