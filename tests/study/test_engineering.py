@@ -340,7 +340,7 @@ def test_cases_have_three_meshes_and_shifted_ones_of_each_best_reading():
     for problem, meshes_by_cell in page.MESHES.items():
         for cell, mesh_sizes in meshes_by_cell.items():
             assert len(mesh_sizes) == 3
-            for element in page.standard_and_new_element(problem, cell):
+            for element in pressures.standard_and_new_element(problem, cell):
                 for reading in page.candidate_best_pressure_rules(problem, element):
                     for mesh in mesh_sizes:
                         key = f"{problem}-{element}-{mesh}-{reading}"

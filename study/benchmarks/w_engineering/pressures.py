@@ -484,3 +484,111 @@ def _evaluate_function_at_points(u: fem.Function, points: Array) -> Array:
     colliding = geometry.compute_colliding_cells(mesh, candidates, points)
     cells = [colliding.links(k)[0] for k in range(len(points))]
     return np.asarray(u.eval(points, cells)).reshape(len(points), -1)
+
+
+# Elements, meshes and pressure rules that the cases combine
+
+MESHES = {
+    "wear": {"T6": (4, 8, 32), "T10": (4, 8, 12)},
+    "friction": {"T6": (4, 8, 32), "T10": (3, 5, 8)},
+    "conductance": {"T6": (4, 8, 32), "T10": (3, 5, 8)},
+    "impact": {"T6": (4, 8, 32), "T10": (4, 8, 16)},
+    "submodel": {"T6": (4, 8, 32), "T10": (3, 5, 8)},
+}
+"""Numbers of cells over the height of a punch or block, or of edges over half of the contact.
+
+They are given by problem and cell, from coarse to fine.
+"""
+READINGS: dict[tuple[str, str], tuple[str, ...]] = {
+    ("wear", "galerkin-T6"): ("own", "projected", "tributary"),
+    ("wear", "galerkin-T10"): ("projected", "skip", "neighbours", "tributary"),
+    ("friction", "pw-T6"): ("own",),
+    ("friction", "pw-T10"): ("own",),
+    ("friction", "galerkin-T6"): ("own", "tributary"),
+    ("friction", "galerkin-T10"): ("projected", "skip", "tributary"),
+    ("conductance", "galerkin-T6"): ("own", "projected", "tributary"),
+    ("conductance", "galerkin-T10"): ("skip", "projected", "tributary"),
+    ("submodel", "galerkin-T6"): ("own", "projected", "forces", "tributary"),
+    ("submodel", "galerkin-T10"): ("skip", "projected", "forces", "neighbours", "tributary"),
+    ("submodel", "pw-T6"): ("own", "projected", "forces"),
+    ("submodel", "pw-T10"): ("own", "projected", "forces"),
+}
+"""Pressure rules (see `nodal_force_to_pressure_matrix`) by problem and element.
+
+The default is "own" and "projected".
+"""
+BEST_READINGS: dict[tuple[str, str], tuple[str, ...]] = {
+    ("conductance", "galerkin-T10"): ("skip", "tributary"),
+    ("submodel", "pw-T10"): ("own", "projected"),
+}
+"""Pressure rules among which an element's best is sought.
+
+The default is "projected" for the standard T10, otherwise "own".
+"""
+RULES_ON_FINEST_MESH = {
+    "wear": ("skip", "neighbours", "tributary"),
+    "friction": ("tributary",),
+    "conductance": ("tributary",),
+    "submodel": ("tributary",),
+}
+"""Pressure rules of common codes, also computed for standard elements on the finest mesh."""
+
+
+def standard_and_new_element(problem: str, cell: str) -> tuple[str, str]:
+    """Return the names of the standard element and of the new one, or for impact of its sibling.
+
+    The sibling is the symmetric element that is derived from the standard one.
+
+    Args:
+        problem: Name of the problem, a key of `MESHES`.
+        cell: "T6" or "T10".
+    """
+    return f"galerkin-{cell}", f"{'sibling' if problem == 'impact' else 'pw'}-{cell}"
+
+
+def candidate_best_pressure_rules(problem: str, element: str) -> tuple[str, ...]:
+    """Return the pressure rules that may be the best for an element.
+
+    The problem "impact" needs no pressures; the only rule is then "none".
+
+    Args:
+        problem: Name of the problem, a key of `MESHES`.
+        element: Element name.
+    """
+    if problem == "impact":
+        return ("none",)
+    usual = "projected" if element == "galerkin-T10" else "own"
+    return BEST_READINGS.get((problem, element), (usual,))
+
+
+def pressure_rules_on_mesh(problem: str, element: str, mesh: int) -> tuple[str, ...]:
+    """Return the pressure rules that are computed on a mesh; there are fewer on the finest mesh.
+
+    Args:
+        problem: Name of the problem, a key of `MESHES`.
+        element: Element name.
+        mesh: Number of cells or edges.
+    """
+    if problem == "impact":
+        return ("none",)
+    if mesh == MESHES[problem][element.split("-")[1]][-1]:
+        rules = RULES_ON_FINEST_MESH[problem] if element.startswith("galerkin") else ()
+        possible = READINGS.get((problem, element), ())
+        best = candidate_best_pressure_rules(problem, element)
+        return best + tuple(r for r in rules if r in possible and r not in best)
+    return READINGS.get((problem, element), ("own", "projected"))
+
+
+def list_case_parameters(problem: str, cell: str) -> list[tuple[str, str, int, str]]:
+    """List problem, element, mesh and pressure rule of each case of a problem on one kind of cell.
+
+    Args:
+        problem: Name of the problem, a key of `MESHES`.
+        cell: "T6" or "T10".
+    """
+    return [
+        (problem, element, mesh, reading)
+        for element in standard_and_new_element(problem, cell)
+        for mesh in MESHES[problem][cell]
+        for reading in pressure_rules_on_mesh(problem, element, mesh)
+    ]
