@@ -10,6 +10,7 @@ and test functions that are not piecewise linear.
 import hashlib
 import importlib.machinery
 import importlib.util
+import logging
 import sysconfig
 import tempfile
 from collections.abc import Callable, Sequence
@@ -35,7 +36,7 @@ from ufl.algorithms.analysis import extract_constants
 from pw_elements._compat import form_of_cell_kernels
 from pw_elements.arrays import LocalIndices
 from pw_elements.files import replace_file_atomically
-from pw_elements.progress import report_activity
+from pw_elements.progress import log_on_root, report_activity
 from pw_elements.spaces.assembly import add_sub_cell_quadrature_rules, compile_form
 from pw_elements.spaces.bilinear_coefficients import (
     NotSeparableError,
@@ -149,6 +150,8 @@ def _compile_integral(
         kernel_module = _load_kernel_module(mesh.comm, source, expression_module.__name__)
     except Exception as error:
         # FFCx may compile other forms than UFL can differentiate, or tells what is wrong
+        message = f"no tangent by sub-cells: {type(error).__name__}: {error}"
+        log_on_root(mesh.comm, logging.DEBUG, message, ".linear_solver")
         raise NotSeparableError from error
     evaluate = cffi.FFI().cast("uintptr_t", compiled.tabulate_tensor_float64)
     kernel_module.lib.set_coefficient_function(int(evaluate))

@@ -5,8 +5,9 @@
 The command prints the CPU times of analysis and factorisation, by LU for the new element and by
 LDL^T for the standard one, with approximate minimum fill, minimum degree and MUMPS' own choice.
 Each run measures all orderings in turn. `Direct` takes the first one for matrices with few entries
-per row. If MUMPS was built without METIS and SCOTCH (Debian), it takes PORD without a message where
-an option asks for one of them: the last column has the number (INFOG(7)) of the ordering it took.
+per row. If MUMPS was built without METIS and SCOTCH (Debian), it takes its own choice without a
+message where an option asks for one of them: the last column has the number (INFOG(7)) of the
+ordering that its own choice was, such as 4 for PORD.
 """
 
 import argparse
