@@ -116,10 +116,10 @@ class _CondensedQuadrilateral:
 
 
 def element_matrix(element: str) -> Result:
-    """Compute symmetry and rank of a condensed stiffness, and the effect of the diagonal.
+    """Compute asymmetry and rank deficiency of a condensed stiffness, and the diagonal's effect.
 
-    Curves: `nodes` (9, 2), `cells` and the number `inner` of the inner node, as in
-    `_CondensedQuadrilateral`.
+    The curves of the result are `nodes` (9, 2), `cells` (2, 6) or (1, 9), and `inner`, the index of
+    the inner node in `nodes`.
     """
     quadrilateral = _CondensedQuadrilateral.condense_on_corners(element, CORNERS)
     K = quadrilateral.stiffness

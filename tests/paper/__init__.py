@@ -1,1 +1,1 @@
-"""Tests of the paper's sections: printed values, the study and the independent oracle agree."""
+"""Test that printed values, the study and an independent oracle agree, by sections of the paper."""

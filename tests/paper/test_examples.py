@@ -1,6 +1,7 @@
-"""Sections 7.1 to 7.4: triangles, block, parabolic punch and rigid plate (Figs 4 to 14).
+"""Test the examples of sections 7.1 to 7.4 against the oracle's solutions (Figs 4 to 14).
 
-Each function returns a comparison of a stored result with the oracle's solution of the problem.
+The examples are triangles on a base, a block, a parabolic punch and a rigid plate. Each function
+`make_..._comparison` compares a stored result with the oracle's solution of the same problem.
 """
 
 import numpy as np
@@ -79,9 +80,10 @@ def make_block_comparison(result, element):
 def make_parabolic_punch_comparison(result, element):
     """Return the comparison for a parabolic punch, pressed in and then pushed sideways.
 
-    Both parts have twenty steps. The paper gives E = 1000, Poisson's ratio 0.25, a friction
-    coefficient of 0.6, 76 8-node quadrilaterals, an indentation of 0.25 under a force of about 215,
-    and a tangential force of 10 % of the normal force. The dimensions have been reconstructed.
+    Each of these two motions has twenty steps. The paper gives E = 1000, Poisson's ratio 0.25, a
+    friction coefficient of 0.6, 76 8-node quadrilaterals, an indentation of 0.25 under a force of
+    about 215, and a tangential force of 10 % of the normal force. The dimensions have been
+    reconstructed.
     """
 
     def solve_by_oracle(linear_weights):

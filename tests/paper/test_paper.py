@@ -10,7 +10,7 @@ from study.run.cases import SECTIONS
 
 PROJECT_FOLDER = Path(__file__).parents[2]
 TEXT_CONSTANT_NAMES = {*BLOCK_OF_CONSTANT, "FACTS", "SHORT_FACTS"}
-"""Names of constants of a section's page whose texts are printed in the report and the site."""
+"""Names of the constants of a page whose texts appear in the report and on the site."""
 STUDY_MAP_FILE = PROJECT_FOLDER / "docs" / "study.md"
 ITEM_NUMBERS_BY_KIND = {"figure": range(1, 26), "table": range(1, 3), "equation": range(1, 28)}
 PRINTED_TABLES = """

@@ -1,4 +1,4 @@
-"""Abstract and section 1: nodal contact forces of standard and new elements.
+"""Test the nodal contact forces of standard and new elements (abstract and section 1).
 
 The paper states that with standard elements, contact forces at corner nodes "are around half of
 those at midside nodes".
@@ -13,10 +13,10 @@ from tests.oracle.elements import tabulate_at_gauss_points
 def test_only_standard_weights_give_a_corner_half_of_the_mid_side_force(
     linear_weights, corner_has_half
 ):
-    """Compare the nodal forces of an edge under uniform pressure.
+    """Under uniform pressure, a corner has half of the mid-side force with standard weights only.
 
-    A corner receives equal forces from the two adjacent edges, hence the factor of two. With the
-    new weight functions, corner and mid-side forces are equal.
+    With the new weight functions, corner and mid-side forces are equal. The factor of two takes
+    into account that a corner receives equal forces from its two adjacent edges.
     """
     functions = tabulate_at_gauss_points("L3", linear_weights, 4)
     corner_force, _, midside_force = functions.measure @ functions.weights

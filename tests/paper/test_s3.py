@@ -1,4 +1,4 @@
-"""Section 3: the weight functions, Eq. (15) to Eq. (20), copied from the paper (Figs 1 and 2)."""
+"""Test the weight functions of section 3 against the printed Eq. (15) to Eq. (20) (Figs 1, 2)."""
 
 import basix
 import numpy as np
@@ -19,7 +19,10 @@ LOWER_LEFT_CORNERS_BY_SUB_ELEMENT = {
 
 
 def evaluate_printed_weights(sub_element, x, y):
-    """Return the printed functions w1 to w6 at points x, y (n,) of a sub-element, 1 to 4."""
+    """Return the printed functions w1 to w6, each (n,), at points x, y (n,) of a sub-element.
+
+    The sub-elements have the numbers 1 to 4.
+    """
     zero = 0 * x
     return {
         1: (1 - 2 * x - 2 * y, zero, zero, 2 * x, zero, 2 * y),

@@ -1,4 +1,4 @@
-"""Section 4: stiffness and mass matrix of one triangle, Eq. (21) to Eq. (23) and Eq. (11)."""
+"""Test stiffness and mass of one triangle in section 4, Eq. (21) to Eq. (23) and Eq. (11)."""
 
 from mpi4py import MPI
 
@@ -18,7 +18,7 @@ SPACES_MAKERS_BY_LINEAR_WEIGHTS = {True: Spaces.petrov_galerkin, False: Spaces.g
 
 
 def make_triangle_matrices_and_oracle(linear_weights):
-    """Return the library's [K, M] of one triangle, and the oracle's body on the same nodes."""
+    """Return [K, M] of one triangle, each (12, 12), from the library, and the oracle's body."""
     geometry_element = basix.ufl.element("Lagrange", "triangle", 1, shape=(2,))
     mesh = create_mesh(
         MPI.COMM_SELF, cells=np.array([[0, 1, 2]]), x=TRIANGLE_CORNERS, e=geometry_element
@@ -43,10 +43,9 @@ def test_oracle_has_the_stiffness_and_mass_of_the_library(linear_weights):
 
 
 def test_printed_sum_over_sub_elements_is_the_librarys_stiffness():
-    """Evaluate the sum of Eq. (23) over the sub-elements, with D of Eq. (22).
+    """The sum of Eq. (23) over sub-elements, with D of Eq. (22), is the library's stiffness matrix.
 
-    The gradients of the weight functions are constant in each sub-element. The result has to equal
-    the library's stiffness matrix of one triangle.
+    The gradients of the weight functions are constant in each sub-element.
     """
     (K, _), oracle = make_triangle_matrices_and_oracle(True)
     D = E / (1 - NU**2) * np.array([[1, NU, 0], [NU, 1, 0], [0, 0, (1 - NU) / 2]])
@@ -63,7 +62,7 @@ def test_printed_sum_over_sub_elements_is_the_librarys_stiffness():
 
 
 def strain_matrix(gradients):
-    """Return B (3, 12) of Eq. (6) from the gradients (6, 2) of the nodes' functions."""
+    """Return the matrix B (3, 12) of Eq. (6) for gradients (6, 2) of the nodal functions."""
     B = np.zeros((3, 12))
     B[0, 0::2] = B[2, 1::2] = gradients[:, 0]
     B[1, 1::2] = B[2, 0::2] = gradients[:, 1]

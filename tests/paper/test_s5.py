@@ -1,7 +1,7 @@
-"""Section 5: an 8-node quadrilateral made of two triangles without their inner node (Fig. 3).
+"""Test the 8-node quadrilateral of section 5, two triangles without their inner node (Fig. 3).
 
 The paper eliminates the inner node by static condensation in statics and by Guyan reduction in
-eigenvalue problems. The latter is tested with the eigenvalues of section 7.5.
+eigenvalue problems. Guyan reduction is tested with the eigenvalues of section 7.5.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""Section 6: the initial stress matrix, Eq. (25) and Eq. (26), compared with the oracle's."""
+"""Test the initial stress matrix of section 6, Eq. (25) and Eq. (26), against the oracle's."""
 
 from mpi4py import MPI
 
@@ -13,7 +13,10 @@ from tests.oracle.assembly import LinearElasticBody as OracleBody
 
 @pytest.mark.parametrize("make_spaces", [Spaces.petrov_galerkin, Spaces.galerkin])
 def test_oracle_has_the_geometric_stiffness_of_the_library(make_spaces):
-    """Compare the matrices under the stress of a random displacement, which is not constant."""
+    """Library and oracle have the same geometric stiffness under a nonuniform stress.
+
+    The stress follows from a random displacement.
+    """
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (2, 1))
     body = Body(make_spaces(mesh), Material(2.0, 0.3), "plane stress", 0.1)
     U = body.spaces.trial

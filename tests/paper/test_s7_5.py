@@ -1,7 +1,9 @@
-"""Section 7.5: a column of changing cross-section between rigid surfaces (Figs 15 to 23, Table 1).
+"""Test the column of section 7.5 between rigid surfaces (Figs 15 to 23, Table 1).
 
-Printed: E = 2.1e8, Poisson's ratio 0.3, friction 0.3, density 7856, a descent of 1 mm, 759 8-node
-elements, and Table 1. The section is lost; the study's own stands in for it, here in a coarse mesh.
+The paper gives E = 2.1e8, Poisson's ratio 0.3, a friction coefficient of 0.3, a density of 7856, a
+descent of 1 mm, 759 8-node elements, and Table 1. Fig. 15, the drawing of the column, is lost. The
+comparison with the oracle therefore uses a column whose dimensions the study has fitted to Table 1,
+with a coarse mesh.
 """
 
 from unittest.mock import patch
@@ -74,7 +76,10 @@ def make_oracle_column(result, element, linear_weights):
 
 
 def make_stepped_column_comparison(element):
-    """Pressed down by 1 mm on its three supports; its vibration when it stands on its base."""
+    """Return the comparison for contact and vibration of the stepped column in a coarse mesh.
+
+    The column is pressed down by 1 mm on its three supports. It vibrates standing on its base.
+    """
     with (
         patch.dict(s7_5_model.PROFILES, coarse=COARSE_PROFILE),
         patch_library_quadrature_degree(element),
@@ -165,7 +170,7 @@ FAMILY_TREATMENTS_BY_CASE = {
 
 @pytest.fixture(scope="module")
 def family_shifts_of_first_column():
-    """Shifts by the family's program on the page's first column."""
+    """Return the eigenvalue shifts that `UserElements` computes for the study's first column."""
     shape = Shape(page_lengths("first"))
     return UserElements(FIRST_COLUMN_MESH_TOPOLOGY).compute_shifts(
         shape, Supports((1,), tangential=False)
@@ -176,7 +181,11 @@ def family_shifts_of_first_column():
 def test_shifts_of_page_cases_agree_with_treatments_of_the_family(
     case, family_shifts_of_first_column, results
 ):
-    """Another eigenvalue solver and condensation: the page's, which the oracle checks."""
+    """Shifts computed for the family of columns agree with those of the cases of section 7.5.
+
+    The cases use another eigenvalue solver and another implementation of condensation, and the
+    oracle verifies both.
+    """
     name, treatment = FAMILY_TREATMENTS_BY_CASE[case]
     standard_element = {"six": "galerkin-T6", "eight": "galerkin-Q8"}[name]
     page_values = [eigenvalue_shift(results, case, standard_element, mode) for mode in range(1, 7)]
@@ -185,7 +194,11 @@ def test_shifts_of_page_cases_agree_with_treatments_of_the_family(
 
 
 def coarse_shifts_and_oracle_matrices():
-    """Return the oracle's matrices of new and standard triangle on a filleted coarse column."""
+    """Return shifts and oracle matrices of a coarse column with fillets, supported at both ends.
+
+    The result has the shifts by `UserElements`, the nodes (n, 2), and a dictionary from the
+    standard and the new triangle to the oracle's stiffness and mass matrices.
+    """
     with patch_library_quadrature_degree("galerkin-T6"):
         elements = UserElements(COARSE_TOPOLOGY)
     shape = Shape(page_lengths("second"), grading=3.0, fillet=0.4)
@@ -200,7 +213,10 @@ def coarse_shifts_and_oracle_matrices():
 
 
 def test_shifts_agree_with_dense_eigenvalues_of_oracle_matrices():
-    """The oracle's matrices and LAPACK's eigenvalues, on other supports and with fillets."""
+    """Shifts agree with those of eigenvalues that LAPACK computes from the oracle's matrices.
+
+    Unlike in the other tests, the column has fillets and is supported at both ends.
+    """
     shifts, nodes, matrices = coarse_shifts_and_oracle_matrices()
     height = sum(page_lengths("second")[4:])
     is_held = np.zeros((len(nodes), 2), dtype=bool)
@@ -295,7 +311,11 @@ def test_distance_from_a_band_is_zero_inside_and_the_excess_outside():
 
 
 def test_table_1_claims_are_explained_only_with_zero_distance_and_sufficient_odds(results):
-    """Not explained, unless all lie in a mechanism's bands with odds of 20 to 1 or more."""
+    """A claim on Table 1 is graded "not explained" unless one mechanism explains its row.
+
+    A mechanism explains the row if all shifts of the row, or those of both rows, lie within its
+    bands and its odds are at least 20 to 1.
+    """
     grades = {loaded_claim.id: loaded_claim for loaded_claim in load_claims()}
     for row, claim_id in (("six", "75-shift-6-node"), ("eight", "75-shift-8-node")):
         scalars = [
@@ -316,7 +336,7 @@ def test_the_standard_mass_gives_the_signs_of_all_printed_shifts(results):
 
 
 def test_the_page_names_the_nearest_treatments(results):
-    """Its findings say in words which treatments these are."""
+    """The treatments nearest to the printed shifts are those that the findings of 7.5 describe."""
 
     def nearest(row, *names):
         return [results.scalar("7.5/blind", f"{row}_nearest_{name}") for name in names]

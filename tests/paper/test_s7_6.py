@@ -1,4 +1,4 @@
-"""Section 7.6: buckling of a simply supported beam (Figs 24 and 25, Table 2, Eq. (27)).
+"""Test the buckling of the simply supported beam of section 7.6 (Figs 24, 25, Table 2, Eq. (27)).
 
 The paper gives E = 2.07e11, Poisson's ratio 0, a thickness of 0.1 m, Euler's critical stresses and
 Table 2, but not the mesh. The study uses 5 x 2 crossed squares, and searches a family of models for
@@ -49,7 +49,7 @@ IS_UNIFORM_BY_LOAD_SUFFIX = {"": False, "-uniform-8x2": True}
 
 
 def make_beam_buckling_comparison(result, element, is_uniform):
-    """Return a comparison of the critical stresses of half of the beam with the oracle's.
+    """Return the comparison for the critical stresses of modes 1 and 2 of half of the beam.
 
     Mode 1 is symmetric, mode 2 antisymmetric. The load is uniform if `is_uniform` is true,
     otherwise a force at the supported point A.
@@ -106,7 +106,7 @@ def test_oracle_agrees_with_the_studys_critical_stresses(element, load_suffix, r
 
 
 def test_eulers_stress_follows_from_eq_27(results):
-    """Evaluate Eq. (27) with I / A = h**2 / 12 and compare with the study and the printed values.
+    """Eq. (27) with I / A = h**2 / 12 gives Euler's stresses of the study and those of Table 2.
 
     The slenderness L / h = 8 follows from the printed stresses.
     """
@@ -206,9 +206,10 @@ FAMILY_MODELS_BY_CASE = {
 
 @pytest.mark.parametrize("case", FAMILY_MODELS_BY_CASE)
 def test_cases_of_the_page_agree_with_recorded_models_of_the_family(case, results):
-    """Compare the stored critical stresses of the page with recorded models of the same problems.
+    """Stored critical stresses of section 7.6 agree with recorded models of the same problems.
 
-    The page uses another assembly and another eigenvalue solver, which the oracle confirms.
+    The stored cases use another assembly and another eigenvalue solver, and the oracle verifies
+    both.
     """
     element, treatment = FAMILY_MODELS_BY_CASE[case]
     stored_result = results[f"7.6/{case}"]
@@ -230,8 +231,8 @@ def test_cases_of_the_page_agree_with_recorded_models_of_the_family(case, result
 def test_under_uniform_stress_both_elements_have_equal_critical_stresses():
     """Under uniform stress, the weight functions do not change the critical stresses.
 
-    The exception is a support at a single mid-side node: T moves part of the node's force to the
-    adjacent corners. Even then, the stresses agree to 3e-6.
+    The exception is a support at a single mid-side node, because the matrix T moves part of the
+    node's force to the adjacent corners. Even then, the stresses agree to a relative 3e-6.
     """
     stresses = read_family().stresses
     uniform_set_ups = [i for i, set_up in enumerate(SET_UPS) if set_up.load == "uniform"]
@@ -260,8 +261,9 @@ def _make_scattered_models(count, seed=0):
 def test_chance_is_the_area_near_few_models_times_their_density():
     """The chance is the probability that a random row is within d of one of the models.
 
-    For five models, whose squares of side 2 d do not overlap, it is nearly the area of a square
-    times the sum of the rows' probability density at the models.
+    If the squares of side 2 d about the models do not overlap, the chance is nearly the area of a
+    square times the sum of the probability density of random rows at the models. In this test,
+    there are five models.
     """
     deviation = [[-3.0, 3.0], [3.0, -3.0], [3.0, 3.0], [-3.0, -3.0], [0.0, 0.0]]
     models = Models(np.array(deviation), None)
@@ -300,7 +302,7 @@ def test_models_with_the_same_values_count_once():
 
 
 def test_table_2_claims_are_explained_only_with_sufficient_odds(results):
-    """Claims are graded "not explained" if the odds of every model are below 20 to 1."""
+    """Claims on Table 2 are graded "not explained" if the odds of each model are below 20 to 1."""
     claims = [
         loaded_claim
         for loaded_claim in load_claims()

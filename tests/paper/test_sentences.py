@@ -1,4 +1,4 @@
-"""The list of the paper's sentences is complete: each has statements or a reason for none."""
+"""Test that each sentence of the paper is listed with statements or a reason for having none."""
 
 import os
 from dataclasses import replace

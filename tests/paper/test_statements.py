@@ -1,9 +1,9 @@
-"""The author of a claim proposes its grade; these tests enforce it.
+"""Test that each statement of the paper meets the conditions of its grade.
 
-A reproduced statement reads computed results, and another element or law reverses its verdict. A
-statement is consistent by construction if one of the reasons that can be checked automatically
-applies. Statements whose verdicts are reversed by the same mutations belong to the same fact. All
-cases needed are computed here; stored results are not used.
+The author of a claim proposes its grade. A reproduced statement reads computed results, and another
+element or law reverses its verdict. A statement is consistent by construction if one of the reasons
+that can be checked automatically applies. Statements whose verdicts are reversed by the same
+mutations belong to the same fact. All cases needed are computed here; stored results are not used.
 """
 
 import ast
@@ -197,18 +197,18 @@ CHANGED_INPUTS_BY_CONSTANT = {
     "study.paper.s7_5_profiles.PROFILES": "first",
     "study.paper.s7_6_buckling.LENGTH": 9.0,
 }
-"""Another value for each constant that was put in or fitted.
+"""Map from each constant that is an input or was fitted to another value.
 
-    A dictionary replaces parameters of the cases, a string names a profile to be meshed more
-    coarsely, and any other value replaces the constant.
-    """
+A dictionary replaces parameters of the cases, a string names a profile to be meshed more coarsely,
+and any other value replaces the constant.
+"""
 
 
 @parametrize_graded_statements("consistent by construction", "input", "fit")
 def test_claim_fails_with_another_input_or_fitted_value(claim, monkeypatch, tmp_path):
-    """Agreement with the printed number is a consequence of the chosen input.
+    """A claim that holds because of an input or fitted value fails with another value.
 
-    With another input or fitted value, the claim must fail.
+    Its agreement with the printed number is a consequence of the chosen value.
     """
     parameters = {}
     match CHANGED_INPUTS_BY_CONSTANT[claim.chosen]:

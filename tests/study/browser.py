@@ -47,11 +47,11 @@ PAGE_BODIES_BY_FAULT = {
     "wider than the window": '<div style="width: 2000px">x</div>',
     "link to nowhere": '<a href="#nowhere">x</a>',
 }
-"""Faults that the check has to report, each with the body of a page that has the fault."""
+"""Map from each fault that the check has to report to the body of a page with this fault."""
 
 
 def find_chromium_with_driver():
-    """Return the path of a Chromium if chromedriver is also installed, otherwise None."""
+    """Return the path of a Chromium executable, or None without Chromium or chromedriver."""
     return shutil.which("chromedriver") and next(
         filter(None, map(shutil.which, BROWSER_EXECUTABLES)), None
     )
@@ -103,9 +103,9 @@ def count_search_results(browser, folder, word):
 
 
 def read_stated_and_visible_claim_counts(browser, folder, query):
-    """Open the page of claims with a query; return the stated and the actual number shown.
+    """Open the page of claims with a query; return a text with the stated and the actual numbers.
 
-    The string has the form "10 of 86: 10": the number of claims that the page states as shown, the
+    The text has the form "10 of 86: 10": the number of claims that the page states as shown, the
     total, and the number of claims that are visible.
     """
     url = (folder / "evidence" / "claims.html").resolve().as_uri()

@@ -1,4 +1,4 @@
-"""Results of the study that are computed when a test first reads them."""
+"""Provide results of the study that are computed when a test first reads them."""
 
 import fcntl
 from dataclasses import replace
@@ -22,7 +22,7 @@ def parse_section_case_pairs(text):
 class LazyResult:
     """Result of a case that is computed when an attribute such as `scalars` is first read.
 
-    Its section, case name and parameters are known without computing.
+    Its section, case name and parameters are available without computing it.
     """
 
     def __init__(self, results, key):

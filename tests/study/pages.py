@@ -30,7 +30,7 @@ PAGE_BODIES_BY_FAULT = {
     "text has LaTeX": r"<p>\textstyle x</p>",
     "text has Markdown": "<p>[x](../x.md)</p>",
 }
-"""Faults that the check has to report, each with the body of a page that has the fault."""
+"""Map from each fault that the check has to report to the body of a page with this fault."""
 
 
 class Page(HTMLParser):

@@ -1,4 +1,4 @@
-"""Families of cases that vary data which the paper does not print, and bands of their curves."""
+"""Test variants of cases in data that the paper does not print, and envelopes of their curves."""
 
 import numpy as np
 import pytest
@@ -64,10 +64,11 @@ def test_envelope_spans_the_first_curves_range_and_encloses_all_curves():
 def test_line_weight_functions_sum_to_one_and_have_the_elements_integrals(
     is_standard, edge_integrals_times_six
 ):
-    """Check the weights by which shear is averaged along a line, on two edges of the contact line.
+    """Weight functions along a contact line sum to one and have the integrals of their element.
 
-    They have to sum to one and equal one at their own nodes. Divided by the length of an edge,
-    their integrals are 1/6, 2/3, 1/6 for the standard and 1/4, 1/2, 1/4 for the new element.
+    The study averages shear along a line with these functions, which are one at their own nodes.
+    Divided by the length of an edge, the integrals over the edge are 1/6, 2/3, 1/6 for the standard
+    element and 1/4, 1/2, 1/4 for the new one. The contact line of this test has two edges.
     """
     nodes = np.array([0.0, 0.5, 1.0, 2.0, 3.0])
     x = np.linspace(0, 3, 30_001)

@@ -1,4 +1,4 @@
-"""Cases, the sections that list them, and the changes that make a stored result outdated."""
+"""Test how sections list cases and which changes make a stored result outdated."""
 
 import subprocess
 import sys

@@ -1,8 +1,8 @@
-"""Findings and pinned numbers of the study: one test for each, named by its id.
+"""Test each finding and each pinned number of the study in a test that has its id.
 
 Cases that take less than a CPU second are computed. Slower ones are read from the results that
 `./run study` has stored, if these were computed with the current code. Otherwise, tests that need
-them are skipped, or fail if the environment variable STUDY_RESULTS_REQUIRED is set.
+slower cases are skipped, or fail if the environment variable STUDY_RESULTS_REQUIRED is set.
 """
 
 import os
@@ -31,9 +31,9 @@ def _claim_id(claim):
 
 @cache
 def load_stored_results_and_states():
-    """Return the stored results of the project, and the state of each slow case by its key.
+    """Return the stored results of the project, and a map from keys of slow cases to their states.
 
-    The state is "stored" if the result was computed with the current code.
+    The state of a case is "stored" if its result was computed with the current code.
     """
     results = Results(STORED_RESULTS_FOLDER)
     slow_cases = [
@@ -43,7 +43,7 @@ def load_stored_results_and_states():
 
 
 class QuickOrStoredResults(ComputedResults):
-    """Results that are computed if this takes less than a CPU second, and otherwise read."""
+    """Results of cases, read from files if computing them takes a CPU second or longer."""
 
     def __getitem__(self, key):
         if key not in read_table_of_expected_seconds() or load_cases_by_key()[key].record:
@@ -87,9 +87,9 @@ def test_pins_with_unknown_keys_are_refused(tmp_path):
 
 @pytest.mark.parametrize("claim", random.Random(20).sample(FINDINGS_AND_PINS, 20), ids=_claim_id)
 def test_number_beyond_its_bound_changes_the_verdict(claim):
-    """Replace the measure of randomly drawn checks by a number on the wrong side of the bound.
+    """The verdict of a check changes if it measures a number on the wrong side of its bound.
 
-    Each verdict then has to differ from the expected one; otherwise, the check could not fail.
+    Otherwise, the check could not fail. The checks are drawn at random.
     """
     judgement = claim.judgement
     wrong_direction = {"<": 1, "<=": 1, "=": 1, ">": -1, ">=": -1}[judgement.relation]

@@ -1,4 +1,4 @@
-"""Claims: errors name every mistake in a file, and verdicts depend on the numbers only."""
+"""Test that errors name every mistake in a file of claims and that verdicts follow from numbers."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Section 7.5: meshes and eigenvalues of the synthetic column, and the fit of its profiles."""
+"""Test meshes, eigenvalues and fitted profiles of the synthetic column of section 7.5."""
 
 from dataclasses import replace
 

@@ -111,8 +111,8 @@ def test_scalar_has_the_kind_that_its_case_and_name_say(case_and_scalar_name, ki
 def test_a_given_tolerance_replaces_those_of_all_kinds_but_counts(store_scalars, capsys):
     """With `--tolerance 1e-9`, differences relative to the scale of their kind may reach 1e-9.
 
-    Counts of iterations are not compared then. Without the option, they are, whereas the tolerance
-    of other scalars is the larger one for different versions of libraries.
+    With this option, counts of iterations are not compared. Without it, counts are compared, and
+    the tolerance of all other scalars is larger, as versions of libraries may differ.
     """
     reference_folder = store_scalars("before", iterations=7.0, iterations_most=3.0)
     within_tolerance = store_scalars(

@@ -1,4 +1,4 @@
-"""Summary of the computations of each section: results, unknowns, meshes, quadrature degrees."""
+"""Test each section's summary of results, unknowns, meshes and quadrature degrees."""
 
 import sys
 from importlib import import_module

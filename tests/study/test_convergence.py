@@ -1,4 +1,4 @@
-"""Section C: orders and sizes of errors for manufactured solutions, on coarse meshes.
+"""Test orders and sizes of the errors of section C for manufactured solutions on coarse meshes.
 
 Orders of eigenvalues and errors of nearly incompressible bodies are tested in `test_checks`.
 """

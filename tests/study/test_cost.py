@@ -1,4 +1,4 @@
-"""Section K: each task measures the recorded quantities; costs can be measured again."""
+"""Test that tasks of section K measure the recorded quantities, and that costs can be renewed."""
 
 from dataclasses import replace
 
@@ -64,8 +64,8 @@ def test_recorded_measurements_are_exactly_the_listed_ones():
 def test_remeasured_costs_replace_recorded_ones_except_those_of_calculix(tmp_path, monkeypatch):
     """Each row of the record is measured exactly once, except the two rows of CalculiX.
 
-    Those are still read from the record. The stub of the measurement doubles `whole_seconds`, which
-    shows where each case takes its numbers from.
+    The two rows of CalculiX are still read from the record. A stub replaces the measurement and
+    doubles `whole_seconds`, so that the numbers of a case show whether it was measured.
     """
     rows = records.read_rows(records.TIME_AND_MEMORY)
     measured_keys = []

@@ -1,4 +1,4 @@
-"""Section W: problems checked against balances, exact solutions and other implementations."""
+"""Test the problems of section W by balances, exact solutions and other implementations."""
 
 from functools import cache, partial
 
@@ -45,11 +45,11 @@ def make_elastic_block(element, cells_per_side=3):
 
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_pressure_matrix_recovers_pressure_from_nodal_forces(element):
-    """Compute nodal forces of known pressures by integration and recover the pressures from them.
+    """Each pressure matrix recovers known pressures from the nodal forces integrated from them.
 
-    The linear pressure 1 + 2 x is recovered by projection. The even pressure 1 is recovered by all
-    methods except tributary areas for the standard element. If the weight of a node vanishes, "own"
-    raises an error and "skip" gives zero there.
+    The linear pressure 1 + 2 x is recovered by projection. The uniform pressure 1 is recovered by
+    all methods except tributary areas for the standard element. If the weight of a node vanishes,
+    the method "own" raises an error, and the method "skip" gives zero at this node.
     """
     body = make_elastic_block(element).body
     mesh = body.spaces.mesh
@@ -117,10 +117,10 @@ def solve_worn_punch(element, pressure_rule="own"):
 
 
 def test_final_wear_depth_follows_face_displacement_under_even_pressure():
-    """Wear makes the pressure even and thus compensates the displacements of the loaded face.
+    """Wear makes the pressure uniform and compensates the displacements of the contact face.
 
-    Differences of wear depth have to equal those of the face's displacement under an even pressure,
-    which is computed here by one linear solution.
+    Therefore, differences in wear depth equal differences in the displacement of the contact face
+    under a uniform pressure. This displacement is computed by one linear solution.
     """
     body, worn = make_elastic_block("pw-T6", 4), solve_worn_punch("pw-T6")
     is_loaded = lambda x: np.isclose(x[1], 1) & (x[0] < sliding.LOADED_WIDTH + 1e-9)  # noqa: E731
@@ -163,10 +163,10 @@ def solve_partial_slip(element, halving_pressure):
 
 @pytest.mark.parametrize("element", ELEMENTS[:2])
 def test_stick_width_under_constant_friction_agrees_with_cattaneo_and_mindlin(element):
-    """The tolerance is a third of the distance between nodes.
+    """The stick width is that of Cattaneo and Mindlin within a third of the distance of nodes.
 
-    Exact agreement is not expected: the body is finite, and normal and tangential directions are
-    coupled, which the exact solution neglects.
+    Exact agreement is not expected, because the body is finite and its normal and tangential
+    directions are coupled, whereas the exact solution neglects both.
     """
     slip_result = solve_partial_slip(element, 1e9)
     assert slip_result.stick == pytest.approx(np.sqrt(1 - slip_result.force), abs=0.02)
@@ -187,10 +187,11 @@ def test_shear_is_at_the_limit_of_friction_in_slip_and_below_it_in_stick(element
 
 @pytest.mark.parametrize("element", ELEMENTS[:2])
 def test_heat_through_a_weak_joint_is_proportional_to_the_contact_force(element, monkeypatch):
-    """With an exponent of one, the conductance of the joint is proportional to the pressure.
+    """Heat flow through a weakly conducting joint is proportional to the total contact force.
 
-    The joint conducts so weakly that the body has a uniform temperature. The heat flow is then
-    proportional to the total contact force and independent of its distribution over the nodes.
+    The exponent of one makes the conductance of the joint proportional to the pressure. The joint
+    conducts so weakly that the body has a uniform temperature, so that the distribution of the
+    contact force over the nodes has no influence.
     """
     monkeypatch.setattr(pressures, "CONDUCTANCE", 1e-9)
     contact = pressures.HertzContact.solve(element, 4)
@@ -237,8 +238,9 @@ def test_a_submodel_below_the_exact_pressure_has_the_exact_stress():
 def test_shifted_mesh_lines_preserve_load_area_and_hertz_force(offset):
     """Integral quantities are preserved if mesh lines are shifted by a fraction of a cell.
 
-    The punch's nodal forces still sum to the load and its weights to the area of the face. The
-    force of the Hertz contact, whose end moves within an edge, agrees with the exact one to 3 %.
+    The nodal forces of the punch still sum to the load, and the weights of its nodes to the area of
+    the face. The force of the Hertz contact, whose end moves within an edge, agrees with the exact
+    force to 3 %.
     """
     punch = sliding.CondensedElasticPunch.from_element_and_mesh_size("pw-T6", 4, offset)
     force, _ = punch.forces(
@@ -254,9 +256,10 @@ def test_shifted_mesh_lines_preserve_load_area_and_hertz_force(offset):
 
 
 def test_quadrilaterals_agree_with_triangles_on_a_fine_mesh():
-    """Answers of Q9, which serve as references for the triangles, agree with those of the new T6.
+    """Wear, slip and impact computed with Q9 elements agree with those of triangles.
 
-    This shows that the reference solutions solve the same problems: wear, partial slip and impact.
+    The solutions with Q9 elements are references for the triangles. Their agreement with the new T6
+    and, in impact, with its sibling shows that they solve the same problems.
     """
     depth = {
         element: sliding.wear_punch(element, "own", 16, 400).depth_at_half_path[0]

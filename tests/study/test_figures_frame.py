@@ -1,4 +1,4 @@
-"""Drawing of figures: reproducible, complete, only if needed, and despite errors of others."""
+"""Test that figures are reproducible, redrawn only if needed, and drawn despite failing scripts."""
 
 import json
 import os
@@ -76,7 +76,7 @@ def results_folder(tmp_path):
 
 @pytest.fixture
 def add_figure_script(tmp_path, monkeypatch):
-    """Return a function that adds a figure script; the project's own scripts are hidden."""
+    """Return a function that adds a figure script, and hide the project's own scripts."""
     folder = tmp_path / "scripts"
     folder.mkdir()
     monkeypatch.setattr(figures, "__path__", [*figures.__path__, str(folder)])
@@ -105,7 +105,7 @@ def read_indexed_figure_names(results_folder):
 def draw_and_list_redrawn_figures(results_folder, *names):
     """Draw all figures; return the names of those that were redrawn.
 
-    The files are emptied beforehand, and those of figures that are not redrawn stay empty.
+    The files are emptied beforehand, so that files of figures that are not redrawn stay empty.
     """
     paths_by_name = {name: results_folder / "figures" / f"{name}.svg" for name in names}
     for path in paths_by_name.values():
@@ -151,9 +151,9 @@ def test_figures_are_redrawn_only_if_their_script_or_results_change(
 def test_figure_is_drawn_again_if_a_result_arrives_during_drawing(
     results_folder, add_figure_script, value_expression, store_call
 ):
-    """Store a result while a figure is drawn, as another process that computes may do.
+    """A figure is drawn again if another process stores a result during its first drawing.
 
-    The figure shows the numbers read before. The next call therefore has to draw it again.
+    The first drawing shows the numbers that were read before the result was stored.
     """
     late_storing_source = (
         "def caption(results):\n"
@@ -178,10 +178,11 @@ def test_figure_is_drawn_again_if_a_result_arrives_during_drawing(
 def test_results_go_beside_the_figure_if_the_project_is_read_only(
     tmp_path, add_figure_script, monkeypatch, capfd
 ):
-    """If the project's results cannot be written, another folder has to be named.
+    """If the project's results cannot be written, the command demands another folder.
 
     With `--out`, needed results are computed in a subfolder beside the figures; with `--results`,
-    they are computed in the named folder. (Here, `results` is a file.)
+    they are computed in the named folder. In this test, results cannot be written because `results`
+    is a file.
     """
     (tmp_path / "results").write_text("no folder")
     monkeypatch.setattr("figures.__main__.ROOT", tmp_path)

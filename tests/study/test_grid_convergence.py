@@ -1,4 +1,4 @@
-"""Grid convergence: series of known order, and the published examples of Celik et al. (2008)."""
+"""Test grid convergence by series of known order and examples of Celik et al. (2008)."""
 
 import numpy as np
 import pytest
@@ -95,7 +95,7 @@ def test_published_examples_are_reproduced_to_the_printed_digits(
 
 
 def test_the_published_oscillating_example_is_not_accepted():
-    """Celik et al. give an order of 1.51 for these values, which are rejected: they oscillate."""
+    """Values for which Celik et al. give an order of 1.51 are rejected, because they oscillate."""
     sizes = [n**-0.5 for n in (18000, 4500, 980)]
     assert grid_convergence((6.0042, 5.9624, 6.0909), sizes).reason == "oscillatory"
 

@@ -1,4 +1,4 @@
-"""Series of cases for the discretisation uncertainty, which differ only in their meshes."""
+"""Test that cases which serve to estimate a discretisation uncertainty differ only in meshes."""
 
 import math
 import re
@@ -41,7 +41,7 @@ RECORD_PARAMETER_NAMES = ("measured", "units", "dofs")
 
 
 def split_mesh_and_other_parameters(key):
-    """Return the parameters of a case in two dictionaries: those of the mesh, and all others."""
+    """Return the mesh parameters and all other parameters of a case as two dictionaries."""
     parameters = {
         name: value
         for name, value in CASES_BY_KEY[key].stored_parameters.items()

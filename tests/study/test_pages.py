@@ -1,4 +1,4 @@
-"""The check of pages without a browser detects faults; docutils can typeset all formulas."""
+"""Test that the page check detects faults and that docutils can typeset all formulas."""
 
 import re
 from pathlib import Path
@@ -32,7 +32,7 @@ def test_good_pages_pass_the_check_and_a_missing_page_fails(tmp_path, capsys):
 
 @pytest.mark.parametrize("page", sorted(DOCS_FOLDER.rglob("*.md")), ids=lambda page: page.stem)
 def test_formulas_of_the_docs_can_be_typeset_by_docutils(page):
-    """The site typesets formulas with docutils, which supports only part of LaTeX."""
+    """Docutils, which typesets the site and supports only part of LaTeX, accepts all formulas."""
     text = re.sub(r"```.*?```|`[^`\n]*`", "", page.read_text("utf-8"), flags=re.DOTALL)
     for block, inline in FORMULA_PATTERN.findall(text):
         latex2mathml.tex2mathml((block or inline).strip(), as_block=bool(block))

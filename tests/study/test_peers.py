@@ -1,8 +1,8 @@
-"""CalculiX: recorded answers belong to the current decks and are reproduced by another run.
+"""Test that recorded answers of CalculiX belong to the current decks and can be reproduced.
 
-The findings of section P show that the decks describe the study's problems: answers agree node by
-node. Most tests do not need DOLFINx: run `python3 -m pytest tests/study/test_peers.py` on a system
-with CalculiX.
+The findings of section P show that the decks describe the study's problems, because the answers
+agree node by node. Most tests do not need DOLFINx. To run them on a system with CalculiX, use
+`python3 -m pytest tests/study/test_peers.py`.
 """
 
 import subprocess

@@ -1,4 +1,4 @@
-"""Pressures computed from nodal forces by each element's weights, some of which vanish."""
+"""Test pressures computed from nodal forces by each element's weights, some of which vanish."""
 
 from mpi4py import MPI
 
@@ -70,10 +70,10 @@ def test_even_pressure_is_recovered_with_each_elements_own_weights(body_name):
 
 
 def test_siblings_weights_are_integrals_of_its_basis():
-    """The weight of a node is the integral of its basis function over the face.
+    """The sibling's weight of a node is the integral of the node's basis function over the face.
 
-    Here, the basis function, a row of T N with the trial functions N, is interpolated and
-    integrated numerically.
+    The basis function is a row of T N, where N are the trial functions. The test interpolates it
+    and integrates it numerically.
     """
     body, on_face = make_solid_body_and_face_marker()
     space = body.spaces.trial

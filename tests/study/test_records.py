@@ -1,4 +1,4 @@
-"""Records of costly results: format, rows, and the command that renews and checks them."""
+"""Test records of costly results, and the command that renews and checks them."""
 
 import copy
 import json
@@ -252,7 +252,7 @@ def test_check_reports_skipped_rows_where_calculix_is_not_installed(monkeypatch,
 def test_docs_and_usage_give_the_recorded_computing_times():
     """The times stated in docs/study.md and in the usage of `./run study` follow from the records.
 
-    They are the CPU time of all costly cases and that of all repeated runs of section K.
+    They are the CPU time of all costly cases and the time of all repeated runs of section K.
     """
     costly_minutes = round(
         sum(row.content["seconds"] for row in read_rows_of_costly_cases().values()) / 60

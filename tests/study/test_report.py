@@ -1,4 +1,4 @@
-"""The report: self-contained, accessible, with every number from a file."""
+"""Test that the report is self-contained and accessible and takes its numbers from files."""
 
 import json
 import re
@@ -30,7 +30,11 @@ def toy_results_folder(tmp_path, monkeypatch):
 
 @pytest.fixture
 def render_fragment(tmp_path):
-    """A function that writes the first part's text and returns the page; others say nothing."""
+    """Return a function that renders the report with a fragment as its first part.
+
+    The function takes the fragment and the folder of results, and returns the HTML of the report.
+    All other parts of the report are empty.
+    """
     folder = tmp_path / "templates"
 
     def render_page(fragment, toy_results_folder):
@@ -224,7 +228,10 @@ def test_claim_belongs_to_the_sections_that_its_source_names(
 
 @pytest.fixture(params=["toy", "study"])
 def report_folder(request, tmp_path, monkeypatch):
-    """A folder with a report: the toys', and the study's own where it has been computed."""
+    """Return a folder with the report of the toy study or with the stored report of the project.
+
+    Tests of the latter are skipped if `results/report.pdf` does not exist.
+    """
     if request.param == "study":
         if not (RESULTS_FOLDER / "report.pdf").exists():
             pytest.skip("there is no results/report.pdf: ./run study writes it")
@@ -322,7 +329,7 @@ def test_number_formatting_functions_give_the_listed_texts(example_line):
 
 @pytest.fixture(scope="module")
 def study_results_and_html():
-    """The stored results, and the page that they make."""
+    """Return the stored results of the project and the HTML of their report."""
     if (
         not (RESULTS_FOLDER / "claims.json").exists()
         or not (RESULTS_FOLDER / "figures" / "index.json").exists()
@@ -336,14 +343,18 @@ def study_results_and_html():
 
 @pytest.fixture(scope="module")
 def pdf_document(study_results_and_html):
-    """The PDF as a document of WeasyPrint."""
+    """Return the pages of the PDF, laid out from the HTML, as a document of WeasyPrint."""
     return report.lay_out_pdf_pages(study_results_and_html[1])
 
 
 def test_report_is_short_and_small_and_no_page_is_a_quarter_blank_but_the_last(
     study_results_and_html, pdf_document
 ):
-    """The article has at most 24 pages, without reproducibility and references."""
+    """The report has at most 24 pages before the section on reproducibility and 3 from there on.
+
+    Its HTML is smaller than 5 MB, and every page of the PDF except the last is filled to more than
+    three quarters of its height.
+    """
     pdf_pages = pdf_document.pages
     n_article_pages = next(
         page_index
@@ -382,7 +393,7 @@ def test_all_figures_and_tables_of_the_paper_have_captions(study_results_and_htm
 
 
 def test_captions_do_not_name_panels_by_their_side(study_results_and_html):
-    """On a telephone panels stand below each other."""
+    """No caption names a panel by its side, because a telephone shows panels below each other."""
     captions = re.findall(r"<figcaption>(.*?)</figcaption>", study_results_and_html[1], re.DOTALL)
     assert len(captions) > 25
     side_pattern = (
@@ -395,7 +406,7 @@ def test_captions_do_not_name_panels_by_their_side(study_results_and_html):
 def test_claims_page_grades_every_statement_and_report_counts_grades(
     study_results_and_html, tmp_path
 ):
-    """The report counts the grades; the site's page of claims shows each statement with its own."""
+    """The claims page states the grade of each statement, and the report counts the grades."""
     results, html = study_results_and_html
     (tmp_path / "which-way.md").write_text("")
     write_evidence_pages(results, tmp_path)
@@ -414,7 +425,10 @@ def test_claims_page_grades_every_statement_and_report_counts_grades(
 
 
 def test_each_benchmark_has_a_row_in_the_table_of_verification(study_results_and_html):
-    """Benchmarks whose `VERIFICATION` is empty are told in the text instead."""
+    """Each benchmark has a row in the table of verification unless its `VERIFICATION` is empty.
+
+    Benchmarks with an empty `VERIFICATION` are described in the text of the report instead.
+    """
     table = (
         study_results_and_html[1].partition('<table id="verification"')[2].partition("</table>")[0]
     )

@@ -1,4 +1,4 @@
-"""Data needed to reproduce the study: digest of the numbers, versions, times, licence."""
+"""Test the data that reproducing the study needs: digest of numbers, versions, times, licence."""
 
 import re
 from html import unescape

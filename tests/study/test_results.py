@@ -1,4 +1,4 @@
-"""Parameters and units of all results; figures, claims and texts refer to existing cases only."""
+"""Test parameters and units of results, and that figures, claims and texts use existing cases."""
 
 import re
 from fnmatch import fnmatchcase
@@ -56,7 +56,7 @@ KIND_BY_SCALAR_NAME_PATTERN = {
 
 
 def is_element_of_this_study(name):
-    """Return whether an element is one of the study's rather than one of CalculiX."""
+    """Return whether a name denotes an element of this study, not one of CalculiX or "exact"."""
     return name in ELEMENTS and name != "exact"
 
 
@@ -111,7 +111,7 @@ def test_units_of_scalars_fit_their_names_in_one_unit_system(key, results):
 
 
 def _units_suit_scalar_names(result, units):
-    """Return whether all scalars whose names imply a kind have the unit of that kind."""
+    """Return whether scalars whose names imply a kind of quantity have the unit of this kind."""
     for name, unit in result.units.items():
         kind = next(
             (

@@ -1,4 +1,4 @@
-"""Section Q: contact methods compared with one another and with exact solutions."""
+"""Test the contact methods of section Q by comparison with one another and exact solutions."""
 
 from dataclasses import replace
 from functools import cache

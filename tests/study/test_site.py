@@ -1,4 +1,4 @@
-"""Contents and commands of the site; its pages are tested in a browser by `.ci/run`."""
+"""Test contents and commands of the site, whose pages `.ci/run` tests in a browser."""
 
 import ast
 import inspect
@@ -107,7 +107,7 @@ def test_gallery_lists_all_examples_in_order_with_titles_and_parseable_files():
 
 @pytest.fixture
 def toy_results_folder(tmp_path, monkeypatch):
-    """Return a folder of toy results; replace the pages of its site by a single one (no Sphinx)."""
+    """Return a folder of toy results; replace Sphinx by a stub that writes a site of one page."""
     results_folder = toystudy.write_toy_results(tmp_path, monkeypatch)
     monkeypatch.setattr("study.publish.site.write_sources", lambda *_: [])
     monkeypatch.setattr(
@@ -248,7 +248,7 @@ THEME_BACKGROUNDS = {"light": "#ffffff", "dark": "#131416"}
 
 
 def test_text_colours_have_enough_contrast_to_their_background():
-    """WCAG requires a contrast ratio of at least 4.5.
+    """All text colours have the contrast ratio to their background, 4.5, that WCAG requires.
 
     Rules of the style sheet that set a background have to set the text colour too, and vice versa;
     otherwise, the contrast would depend on the theme.
@@ -272,7 +272,7 @@ def test_text_colours_have_enough_contrast_to_their_background():
 
 
 def read_theme_option(name):
-    """Return an option of the theme from Sphinx' `conf.py`, which is parsed rather than run."""
+    """Return an option of the theme from Sphinx's `conf.py`, which is parsed rather than run."""
     tree = ast.parse((Path(reference.__file__).parent / "conf.py").read_text())
     (options,) = (
         node.value
@@ -283,9 +283,10 @@ def read_theme_option(name):
 
 
 def test_thumbnails_of_the_gallery_are_small(tmp_path):
-    """The thumbnail of noise, the worst case for compression, has to be smaller than 1/4 MB.
+    """The thumbnail of noise, the worst case for compression, is smaller than 1/4 MB.
 
-    Those of the gallery's pictures take about a quarter of that, and all sixteen less than 1 MB.
+    Thumbnails of the gallery's pictures are about four times smaller, and all sixteen together take
+    less than 1 MB.
     """
     rng = np.random.default_rng(3)
     Image.fromarray(rng.integers(0, 255, (700, 1600, 3), dtype=np.uint8)).save(tmp_path / "a.png")

@@ -1,4 +1,4 @@
-"""Stored results: exact numbers, all-or-nothing writes, and errors that name file and remedy."""
+"""Test that results are stored exactly and completely, and that errors name file and remedy."""
 
 import json
 import math
@@ -255,7 +255,7 @@ def test_error_names_a_damaged_or_edited_result_and_its_remedy(
 def test_copy_of_a_result_is_refused_as_another_case(folder_with_stored_result):
     """An exact copy under another key still names the original case and is refused.
 
-    If section and case are edited too, the digest no longer matches, and the error says so.
+    If section and case are edited too, the digest no longer matches, and the error states this.
     """
     for other_key in ("7.2/pw-T6", "7.1/pw-Q8"):
         for suffix in (".json", ".npz"):

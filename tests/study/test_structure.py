@@ -1,4 +1,4 @@
-"""Structure of the study: one page for each section, and limits to files and folders."""
+"""Test that each section has one page and that files and folders of the study remain small."""
 
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -83,7 +83,10 @@ def test_each_section_has_one_page():
 
 
 def test_modules_have_no_circular_imports():
-    """Imports within functions are included, although Python would tolerate such cycles."""
+    """Modules of the study do not import each other in a cycle.
+
+    Imports within functions are included, although Python would tolerate cycles of such imports.
+    """
     modules = {
         ".".join(path.relative_to(ROOT).with_suffix("").parts)
         for path in list_source_files(STUDY_FOLDER)

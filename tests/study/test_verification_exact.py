@@ -1,4 +1,4 @@
-"""References of sections V1 to V8 and V10: exact fields, meshes and published values."""
+"""Test exact fields, meshes and published values that sections V1 to V8 and V10 refer to."""
 
 import numpy as np
 import pytest
@@ -45,7 +45,7 @@ AXISYMMETRIC_SOLUTION_CLASSES = (HertzSphere, FlatRoundPunch)
 def stress_by_differences(exact_solution, x):
     """Return the stresses (4, n) xx, yy, xy and hoop at points (n, 2).
 
-    They follow from central differences of the exact displacements.
+    They are computed from central differences of the exact displacements by Hooke's law.
     """
     h = 1e-4 * exact_solution.half_width
     by_x, by_y = (
@@ -181,9 +181,10 @@ def test_cerruti_field_is_in_equilibrium_with_a_traction_free_surface():
 
 
 def test_cerruti_tractions_on_a_half_ball_balance_the_unit_force():
-    """Integrate the tractions on a half sphere around the point force.
+    """The tractions of Cerruti's field on a half sphere around a unit force balance this force.
 
-    The quadrature is Gauss' rule over the cosine of the polar angle and evenly spaced azimuths.
+    They are integrated by Gauss's rule over the cosine of the polar angle and at evenly spaced
+    azimuths.
     """
     gauss_points, weight = np.polynomial.legendre.leggauss(10)
     total = np.zeros(3)
@@ -220,7 +221,7 @@ def test_mindlin_shear_gives_force_approach_and_friction_limit_at_stick_radius()
 
 
 def test_stick_radius_fitted_to_mindlins_tractions_is_exact():
-    """Fit the radius to the exact tractions at random nodes, some of which have no traction."""
+    """The stick radius fitted to exact tractions is exact, even if some nodes have no traction."""
     sphere = HertzSphere(
         SOFT_HALF_SPACE, 1e3, force_that_gives_contact_radius_1(SOFT_HALF_SPACE, 1e3)
     )

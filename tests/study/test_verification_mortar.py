@@ -1,4 +1,4 @@
-"""Section V11: other methods for contact of two bodies, which the study compares."""
+"""Test the other methods for contact of two bodies that section V11 compares."""
 
 import numpy as np
 import pytest
@@ -14,10 +14,11 @@ from tests.contact.two_bodies import StackedBlocks
 
 @pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
 def test_dual_quadratic_functions_are_biorthogonal(cell):
-    """Integrals of dual times quadratic functions vanish for different nodes.
+    """The integral of a dual function times a quadratic function of another node vanishes.
 
-    On tetrahedra, the dual functions belong to a transformed basis: mid-side functions times 3/4,
-    and vertex functions plus 1/8 of the two adjacent mid-side functions.
+    On tetrahedra, the dual functions are biorthogonal to a transformed basis, in which mid-side
+    functions are multiplied by 3/4, and 1/8 of the two adjacent mid-side functions is added to each
+    vertex function.
     """
     stack = StackedBlocks((2, 3), cell)
     slave, master = (
@@ -42,10 +43,10 @@ def test_dual_quadratic_functions_are_biorthogonal(cell):
 
 @pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
 def test_a_dual_multiplier_acts_on_its_own_slave_node_only(cell):
-    """Each row of `forces` holds the nodal forces of a unit multiplier.
+    """A unit dual multiplier exerts a force on its own slave node only.
 
-    On the slave, the force acts on the multiplier's own node and equals the integral of the node's
-    weight function. The total force on the master is equal and opposite.
+    This force equals the integral of the node's weight function, and the total force on the master
+    is equal and opposite. Each row of `forces` holds the nodal forces of a unit multiplier.
     """
     stack = StackedBlocks((2, 3), cell)
     slave, master = (
@@ -65,9 +66,9 @@ def test_a_dual_multiplier_acts_on_its_own_slave_node_only(cell):
 
 
 def test_dual_multipliers_equal_node_to_segment_on_matching_meshes():
-    """On matching meshes, each slave node faces a master node, and both methods are equivalent.
+    """Dual multipliers and node-to-segment contact have equal errors on matching meshes.
 
-    Their pressure errors in the Hertz problem therefore agree.
+    Each slave node of these meshes faces a master node, which makes the two methods equivalent.
     """
     errors = [
         hertz(method, 4, 1.0).scalars["pressure_l2"] for method in ("p2-dual", "node-to-segment")

@@ -1,4 +1,4 @@
-"""Sections V13 and V14: exact temperatures, Trefftz's method, and moments of nodal forces."""
+"""Test exact temperatures, Trefftz's method and moments of nodal forces in sections V13, V14."""
 
 import numpy as np
 import pytest
@@ -92,9 +92,10 @@ def test_trefftz_raises_if_its_iteration_does_not_converge(transformed):
 
 
 def test_trefftz_iteration_count_follows_from_the_smallest_laplacian_eigenvalue():
-    """The iteration's convergence rate is (ln(ratio) / 2)^2 over the smallest eigenvalue, pi^2.
+    """Each iteration reduces the error by the factor (ln(ratio) / 2)^2 / pi^2.
 
-    The eigenvalue is that of functions that vanish at the ends and have no flux at the sides.
+    The denominator is the smallest eigenvalue of the negative Laplacian for functions that vanish
+    at the ends and have no flux through the sides.
     """
     ratio = 100.0
     rate = (np.log(ratio) / 2) ** 2 / np.pi**2

@@ -1,4 +1,4 @@
-"""Section V15: inf-sup constants compared with dense algebra, the seal with library contact."""
+"""Test the inf-sup constants of section V15 by dense algebra and its seal by library contact."""
 
 from functools import partial
 

@@ -1,4 +1,7 @@
-"""A small study for tests; `python3 -m tests.study.toystudy DIR` writes its report to a folder."""
+"""Provide a small study for tests.
+
+`python3 -m tests.study.toystudy DIR` writes its report to the folder DIR.
+"""
 
 import json
 import sys
@@ -87,7 +90,7 @@ TOY_PROVENANCE = {
 
 
 def make_claim_toml(**changes):
-    """Return a statement of the paper as TOML, with some entries changed; None omits an entry."""
+    """Return a statement of the paper as TOML with changed entries; None omits an entry."""
     entry = {
         "id": '"the-claim"', "kind": '"paper"', "source": '"Sec. 1, Eq. 3"',
         "quote": '"a force of 5"', "statement": '"The force is 5 N."',
@@ -101,7 +104,7 @@ def make_claim_toml(**changes):
 
 
 def make_finding_toml(**changes):
-    """Return a finding of the study as TOML, with some entries changed; None omits an entry."""
+    """Return a finding of the study as TOML with changed entries; None omits an entry."""
     paper_only_keys = dict.fromkeys(("kind", "quote", "grade", "grade_why"))
     entry = {"source": '"This study, section 1"', "pinned": '"holds"', **paper_only_keys, **changes}
     return make_claim_toml(**entry).replace("[[claim]]", "[[finding]]")

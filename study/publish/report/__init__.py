@@ -84,7 +84,7 @@ def build_report(results: Results, out: Path) -> list[str]:
 
     Args:
         results: Stored results; their folder also contains the claims and figures.
-        out: Folder of both files.
+        out: Path of the folder to which `report.html` and `report.pdf` are written.
 
     Returns:
         One message for each part that is incomplete because results or figures are missing.

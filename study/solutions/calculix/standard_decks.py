@@ -419,7 +419,7 @@ def rigid_brick_deck_lines(
 
 
 def contact_law_deck_lines(penalty: float, friction: float, stick_slope: float) -> list[str]:
-    """Return the deck's lines of a linear penalty contact law named TOUCH.
+    """Return the lines of the deck that define a linear penalty contact law named TOUCH.
 
     Args:
         penalty: Pressure over penetration.

@@ -62,7 +62,7 @@ class TwoBodyContact(ABC):
         """Yield the node number, axis and value of each prescribed displacement."""
 
     def load_lines(self) -> list[str]:
-        """Return the deck's lines of loads; without loads none."""
+        """Return the lines of the deck that apply the loads; the list is empty without loads."""
         return []
 
     @cached_property
