@@ -41,13 +41,16 @@ _MAX_RELATIVE_ERROR_OF_KNOWN_SOLUTION = 1e-4
 _MAX_CONDITION_OF_ROW_CORRECTION = 1e8
 _RELATIVE_RESIDUAL_ROUND_OFF = 10 * float(np.finfo(float).eps)
 _MAX_ITERATIVE_REFINEMENT_STEPS = 4
-# MUMPS' number (ICNTL(7)) of the ordering by approximate minimum fill
-_MINIMUM_FILL_ORDERING = 2
-# Largest mean number of entries per row for which this ordering is used. Stiffness matrices of
-# quadratic elements have at most some 32 in the plane and 81 in space. In the plane, factors take
-# half to two thirds of the CPU time that they take with MUMPS' choice (PORD in Debian's build), in
-# space up to twice as much: tests/speed/ordering_speed.py
-_MAX_ENTRIES_PER_ROW_FOR_MINIMUM_FILL = 50
+# MUMPS' number (ICNTL(7)) of the ordering by approximate minimum degree
+_MINIMUM_DEGREE_ORDERING = 0
+# Matrices that are ordered in this way: largest mean number of entries per row, and largest number
+# of unknowns. Stiffness matrices of quadratic elements have at most some 32 entries per row in the
+# plane and 81 in space. In the plane, the first factorisation then takes half to two thirds of the
+# CPU time that it takes with MUMPS' own choice (PORD in Debian's build), and further ones the same
+# up to some 50 000 unknowns, but up to 1.4 times as much beyond; in space both take up to twice as
+# much: tests/speed/ordering_speed.py
+_MAX_ENTRIES_PER_ROW_FOR_MINIMUM_DEGREE = 50
+_MAX_UNKNOWNS_FOR_MINIMUM_DEGREE = 50_000
 # Options that limit numbers of iterations; PETSc interprets -3 as no limit
 _ITERATION_LIMIT_OPTION_PATTERN = re.compile(r"(max_it|restart|cycles|steps|_l?its)$")
 # Options among these that limit the outermost method, which also ends when it has converged
@@ -287,8 +290,8 @@ class FactorisedSolver:
             factor = self._preconditioner.getFactorMatrix()
             factor.setMumpsIcntl(24, 1)  # count null pivots instead of dividing by them
             factor.setMumpsIcntl(33, 1)  # compute the determinant
-            if _is_ordering_by_minimum_fill_faster(matrix):  # an option of the user replaces it
-                factor.setMumpsIcntl(7, _MINIMUM_FILL_ORDERING)
+            if _is_minimum_degree_ordering_faster(matrix):  # an option of the user replaces it
+                factor.setMumpsIcntl(7, _MINIMUM_DEGREE_ORDERING)
 
     @property
     def report(self) -> SolverReport:
@@ -442,10 +445,12 @@ class FactorisedSolver:
             )
 
 
-def _is_ordering_by_minimum_fill_faster(matrix: PETSc.Mat) -> bool:
-    """Return whether the sparsity of a matrix is that of a plane body; collective."""
+def _is_minimum_degree_ordering_faster(matrix: PETSc.Mat) -> bool:
+    """Return whether a matrix has the sparsity and size of a small plane body's; collective."""
+    n = matrix.getSize()[0]
     n_entries = matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"]
-    return bool(n_entries <= _MAX_ENTRIES_PER_ROW_FOR_MINIMUM_FILL * matrix.getSize()[0])
+    is_sparse = n_entries <= _MAX_ENTRIES_PER_ROW_FOR_MINIMUM_DEGREE * n
+    return bool(is_sparse and n <= _MAX_UNKNOWNS_FOR_MINIMUM_DEGREE)
 
 
 def check_petsc_options(options: object) -> None:

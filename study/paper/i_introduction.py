@@ -144,12 +144,15 @@ def _assemble_contact_tangent(body: Discretisation, contact: PairState) -> sp.cs
 
 
 def _count_factor_entries(matrix: sp.csr_matrix, is_symmetric: bool) -> float:
-    """Factorise a matrix by MUMPS and return the number of entries in the factors."""
+    """Factorise a matrix by MUMPS and return the number of entries in the factors.
+
+    MUMPS chooses the ordering for all elements, so that their numbers are comparable.
+    """
     matrix.sort_indices()
     A = PETSc.Mat().createAIJ(
         matrix.shape, csr=(matrix.indptr, matrix.indices, matrix.data), comm=MPI.COMM_SELF
     )
-    solver = Direct().prepare(A, is_symmetric)
+    solver = Direct({"mat_mumps_icntl_7": 7}).prepare(A, is_symmetric)
     solver.set_up()
     entries = solver.ksp.getPC().getFactorMatrix().getMumpsInfog(29)
     # MUMPS returns large numbers in millions, with a negative sign
