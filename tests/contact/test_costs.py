@@ -1,0 +1,116 @@
+"""Costs of contact solutions as numbers of linear systems, factorisations and iterations.
+
+Times depend on the machine, but these numbers do not: an algorithm that has become slower changes
+them on every machine. `./run python3 -m tests.contact.test_costs` prints the numbers of all cases.
+"""
+
+from collections.abc import Callable
+
+from mpi4py import MPI
+
+import pytest
+
+from pw_elements import Direct, Iterative
+from pw_elements.contact import Motion, solve_contact
+from tests.contact.cases import BlockOnFloor, PunchedBlock
+from tests.contact.iterative import SolidBlock, nearly_sliding_contact_arguments
+from tests.contact.test_large import (
+    RubberUnderCircle,
+    solve_pressed_and_pushed_rubber,
+    step_through,
+)
+from tests.contact.two_bodies import StackedBlocks
+
+# Numbers of linear systems, factorisations, and iterations of Krylov's method or of the refinement
+# of corrected factors, over all increments
+COSTS_BY_NAME = {
+    "plane block, factors": (33, 2, 33),
+    "plane block, Krylov": (45, 0, 274),
+    "punched block": (12, 1, 12),
+    "solid on a floor, factors": (6, 1, 92),
+    "solid on a floor, Krylov": (6, 0, 27),
+    "nearly sliding solid, Krylov": (21, 0, 129),
+    "plane rubber": (18, 18, 0),
+    "solid rubber, factors": (5, 5, 0),
+    "solid rubber, Krylov": (6, 0, 40),
+    "hybrid solid rubber, Krylov": (5, 0, 72),
+    "two plane blocks": (1, 1, 0),
+    "two solid blocks, Krylov": (7, 0, 58),
+    "two solid blocks of hexahedra, Krylov": (7, 0, 44),
+}
+# Accepted growth, as round-off differs between versions of PETSc and compilers: of the number of
+# systems, and of the number of iterations
+MAX_ADDED_SYSTEMS = 1
+MAX_ITERATION_GROWTH = 1.1
+
+
+def solve_block_on_floor(solver):
+    """Return the states of a plane block that is pressed on a floor and pulled in ten steps."""
+    block = BlockOnFloor(16)
+    loads = block.press_then_pull_loads(90.0)
+    return block.solve_contact(block.floor_pair(0.3), block.no_supports, loads, solver=solver)
+
+
+def solve_punched_block():
+    """Return the states of a plane block under a punch that is pressed and moved sideways."""
+    motions = [Motion((0.0, -0.02)), Motion((0.004, -0.02)), Motion((0.02, -0.02))]
+    return PunchedBlock().solve(0.3, motions)
+
+
+def solve_solid_on_rough_floor(solver):
+    """Return the state of a solid block that only a rough floor holds."""
+    return solve_contact(*SolidBlock().contact_arguments_of_case("rough floor"), solver=solver)
+
+
+def press_and_drag_circle_over_rubber():
+    """Return the states of plane rubber into which a circle is pressed and then dragged."""
+    motions = [Motion((0.0, -0.15)), Motion((0.05, -0.3)), Motion((0.3, -0.3))]
+    return step_through(RubberUnderCircle().problem, motions)
+
+
+STATE_MAKERS_BY_NAME: dict[str, Callable] = {
+    "plane block, factors": lambda: solve_block_on_floor(Direct()),
+    "plane block, Krylov": lambda: solve_block_on_floor(Iterative()),
+    "punched block": solve_punched_block,
+    "solid on a floor, factors": lambda: solve_solid_on_rough_floor(Direct()),
+    "solid on a floor, Krylov": lambda: solve_solid_on_rough_floor(Iterative()),
+    "nearly sliding solid, Krylov": lambda: solve_contact(
+        *nearly_sliding_contact_arguments(SolidBlock()), solver=Iterative()
+    ),
+    "plane rubber": press_and_drag_circle_over_rubber,
+    "solid rubber, factors": lambda: [solve_pressed_and_pushed_rubber("T10", Direct())],
+    "solid rubber, Krylov": lambda: [solve_pressed_and_pushed_rubber("T10", Iterative())],
+    "hybrid solid rubber, Krylov": lambda: [solve_pressed_and_pushed_rubber("hybrid", Iterative())],
+    "two plane blocks": lambda: [StackedBlocks((8, 11)).solve_shifted_top()],
+    "two solid blocks of hexahedra, Krylov": lambda: [
+        StackedBlocks((2, 3), "hexahedron").solve_shifted_top(solver=Iterative())
+    ],
+    "two solid blocks, Krylov": lambda: [
+        StackedBlocks((3, 4), "tetrahedron").solve_shifted_top(solver=Iterative())
+    ],
+}
+
+
+def count_systems_factorisations_and_krylov_iterations(states):
+    """Return the three sums over all states."""
+    return (
+        sum(state.iterations for state in states),
+        sum(state.report.factorisations for state in states),
+        sum(state.report.krylov_iterations for state in states),
+    )
+
+
+@pytest.mark.parametrize("name", COSTS_BY_NAME)
+def test_a_contact_solution_costs_no_more_than_stored(name):
+    """Neither systems, factorisations nor iterations have become more than the stored numbers."""
+    costs = count_systems_factorisations_and_krylov_iterations(STATE_MAKERS_BY_NAME[name]())
+    n_systems, n_factorisations, n_iterations = COSTS_BY_NAME[name]
+    n_added_systems = max(costs[0] - n_systems, 0)
+    assert n_added_systems <= MAX_ADDED_SYSTEMS
+    assert costs[1] <= n_factorisations + n_added_systems
+    assert costs[2] <= MAX_ITERATION_GROWTH * n_iterations + 2
+
+
+if __name__ == "__main__" and MPI.COMM_WORLD.rank == 0:
+    for name, make_states in STATE_MAKERS_BY_NAME.items():
+        print(f'    "{name}": {count_systems_factorisations_and_krylov_iterations(make_states())},')
