@@ -273,6 +273,10 @@ def test_invalid_results_and_arguments_are_errors(tmp_path):
 def test_progress_line_counts_values(block, monkeypatch, capsys, caplog):
     problem = make_punch_problem(block, 0.3)
     monkeypatch.setattr(progress, "_MIN_SECONDS_BETWEEN_REPORTS", -1.0)
+    # other tests may have left a configuration that makes progress silent
+    monkeypatch.setattr(progress.logger, "handlers", [])
+    caplog.set_level(logging.WARNING)
+    caplog.set_level(logging.NOTSET, "pw_elements")
 
     def solve(force):
         state = problem.step(problem.undeformed, None, Motion((0, None), force=(0, -force)))

@@ -316,7 +316,7 @@ def test_interrupted_compilation_leaves_the_cache_usable(tmp_path, monkeypatch):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(sub_cells.os, "replace", interrupt)
+        patch.setattr(sub_cells, "replace_file_atomically", interrupt)
         with pytest.raises(KeyboardInterrupt):
             compile_tangent(tangent)
     assert not list(tmp_path.glob("libpw_sub_cells*"))
@@ -330,7 +330,7 @@ def test_ffcx_compiles_tangents_if_the_kernel_cannot_be_stored(tmp_path, monkeyp
     def refuse(*_):
         raise PermissionError
 
-    monkeypatch.setattr(sub_cells.os, "replace", refuse)
+    monkeypatch.setattr(sub_cells, "replace_file_atomically", refuse)
     tangent = derive_tangent(*make_scalar_residual(make_distorted_mesh()))
     assert count_forms_by_compiler(compile_tangent(tangent)) == (0, 1)
 

@@ -409,6 +409,7 @@ def test_claims_page_grades_every_statement_and_report_counts_grades(
     """The claims page states the grade of each statement, and the report counts the grades."""
     results, html = study_results_and_html
     (tmp_path / "which-way.md").write_text("")
+    (tmp_path / "index.md").write_text("<!-- findings -->")
     write_evidence_pages(results, tmp_path)
     claims_page = (tmp_path / "evidence" / "claims.md").read_text()
     statement_rows = [row for row in results.claims() if row["kind"] in ("paper", "implied")]

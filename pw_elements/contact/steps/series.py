@@ -81,6 +81,7 @@ def solve_for_values(
         OSError: if the table cannot be written. A file of another kind is found before anything
             is solved.
     """
+    arguments.check_communicator(comm)
     with raise_errors_on_all_processes(comm):
         arguments.check_type("the name of the parameter", name, str, "it has to be a text")
         value_list = [float(v) for v in arguments.check_vector(f"the values of {name}", values)]
