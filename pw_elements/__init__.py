@@ -44,10 +44,10 @@ def _find_dolfinx_problem() -> str | None:
     return None
 
 
-if problem := _find_dolfinx_problem():
+if _dolfinx_problem := _find_dolfinx_problem():
     raise ImportError(
         "pw_elements needs DOLFINx 0.9 or 0.11 with petsc4py, slepc4py and real numbers (float64), "
-        f"and {sys.executable} {problem}. Choose one source: "
+        f"and {sys.executable} {_dolfinx_problem}. Choose one source: "
         "pip install 'dolfinx-solver-real>=0.11.0.post0,<0.12' (Linux, Python 3.12 or newer); "
         "conda install -c conda-forge fenics-dolfinx=0.9 slepc4py; "
         "apt install python3-dolfinx (Debian 13); the container dolfinx/dolfinx:v0.9.0; "

@@ -17,7 +17,7 @@ from pw_elements.arrays import Array, LocalIndices
 
 __all__ = [
     "cell_geometry_nodes",
-    "form_of_cell_kernels",
+    "create_form_from_cell_kernels",
     "interpolation_points",
     "is_petsc_option_used",
     "matrix_with_single_entry_rows",
@@ -64,7 +64,7 @@ def matrix_with_single_entry_rows(
     return PETSc.Mat().createAIJ(sizes, csr=csr, comm=comm)
 
 
-def form_of_cell_kernels(
+def create_form_from_cell_kernels(
     spaces: Sequence[fem.FunctionSpace],
     kernels: Sequence[tuple[int, LocalIndices, npt.NDArray[np.int8]]],
     coefficients: Sequence[fem.Function],

@@ -153,7 +153,7 @@ class _ZeroFinder:
     """Finds components of a tensor-valued expression that are zero for any data."""
 
     def __init__(self) -> None:
-        self._known: dict[tuple[Expr, tuple[int, ...], tuple[int, ...]], bool] = {}
+        self._results: dict[tuple[Expr, tuple[int, ...], tuple[int, ...]], bool] = {}
 
     def is_zero(
         self, expression: Expr, component: tuple[int, ...], indices: dict[int, int]
@@ -167,11 +167,11 @@ class _ZeroFinder:
         """
         free = tuple(indices[number] for number in expression.ufl_free_indices)
         key = expression, component, free
-        if key not in self._known:
-            self._known[key] = self._find_out(expression, component, indices)
-        return self._known[key]
+        if key not in self._results:
+            self._results[key] = self._derive_whether_zero(expression, component, indices)
+        return self._results[key]
 
-    def _find_out(
+    def _derive_whether_zero(
         self, expression: Expr, component: tuple[int, ...], indices: dict[int, int]
     ) -> bool:
         operands = expression.ufl_operands

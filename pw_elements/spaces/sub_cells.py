@@ -33,7 +33,7 @@ from dolfinx.mesh import CellType
 from ufl.algorithms import extract_coefficients
 from ufl.algorithms.analysis import extract_constants
 
-from pw_elements._compat import form_of_cell_kernels
+from pw_elements._compat import create_form_from_cell_kernels
 from pw_elements.arrays import LocalIndices
 from pw_elements.files import replace_file_atomically
 from pw_elements.progress import log_on_root, report_activity
@@ -92,7 +92,7 @@ def compile_tangent(form: ufl.Form) -> list[fem.Form]:
     contains_all_cells = mesh.comm.allreduce(len(np.unique(cells)) == n_cells, MPI.LAND)
     if not integrals or (rest and not contains_all_cells):
         return [compile_form(form, 2, "a tangent")]
-    cpp_form = form_of_cell_kernels(
+    cpp_form = create_form_from_cell_kernels(
         [argument.ufl_function_space() for argument in form.arguments()],
         [(part.address, part.cells, part.coefficients) for part in integrals],
         form.coefficients(),

@@ -328,8 +328,8 @@ def _mesh_cube_with_vertex_order(
 
     Args:
         divisions: Number of boxes along each axis.
-        vertex_order_seed: Seed of a random order of the vertices within each cell; 0 for vertices sorted
-            by position.
+        vertex_order_seed: Seed of a random order of the vertices within each cell; 0 for vertices
+            sorted by position.
     """
     cube = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], divisions, CellType.tetrahedron)
     x = cube.geometry.x.round(12)

@@ -205,8 +205,8 @@ def _load_replacing_outer_side_displacements(
     Args:
         body: Discretised body.
         half_plane: Material of the half plane.
-        surface_forces: Position, normal force and tangential force of each line force on the right half, an
-            array (m, 3).
+        surface_forces: Position, normal force and tangential force of each line force on the right
+            half, an array (m, 3).
     """
     nodes = fem.locate_dofs_geometrical(body.space, _is_on_outer_sides)
     x = body.space.tabulate_dof_coordinates()[nodes, :2]

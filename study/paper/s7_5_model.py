@@ -122,7 +122,8 @@ def vibration(
             by their symmetric parts after the condensation.
         mass: "consistent", "lumped" (row sums) or "standard" (mass of the element with standard
             weights). Inner nodes are condensed afterwards.
-        guyan: Left matrix of the condensation of 8-node elements, see `reduction_for_mass_condensation`.
+        guyan: Left matrix of the condensation of 8-node elements, see
+            `reduction_for_mass_condensation`.
         pattern: Diagonals of the quadrilaterals.
         refined: Factor by which all numbers of divisions are multiplied.
         quadrature_degree: Degree for both matrices on each sub-triangle, where 1 means one point;

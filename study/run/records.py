@@ -26,6 +26,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from study.run.provenance import package_versions
 from study.run.store import Result, StudyError, write_atomically
 
@@ -139,6 +141,17 @@ def _parse_rows(text: bytes) -> dict[str, RecordRow]:
             raise ValueError(f"two rows of {head['key']}")
         rows[head["key"]] = RecordRow(**head, content=content, machine=entry.get("machine"))
     return rows
+
+
+def largest_difference(computed: object, recorded: object) -> float:
+    """Return the largest difference of two nested lists of numbers, in which None is a gap.
+
+    The difference is infinite if the gaps differ.
+    """
+    new, old = (np.array(numbers, dtype=float) for numbers in (computed, recorded))
+    if not np.array_equal(np.isnan(new), np.isnan(old)):
+        return float("inf")
+    return float(np.nanmax(np.abs(new - old)))
 
 
 def write_rows(path: Path, rows: Iterable[RecordRow]) -> None:

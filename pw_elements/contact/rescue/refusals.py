@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 from petsc4py import PETSc
 
 import numpy as np
-import scipy
+import scipy  # loads scipy.optimize when it is first used
 
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import format_points, raise_errors_on_all_processes

@@ -14,7 +14,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import scipy
+import scipy  # loads scipy.optimize when it is first used
 import scipy.sparse as sp
 from dolfinx import fem
 from scipy.linalg import qr

@@ -35,9 +35,7 @@ from pw_elements.contact.interface import (
     build_interface,
     find_reduced_column_of_each_unknown,
 )
-from pw_elements.contact.iteration import (
-    make_pair_states,
-)
+from pw_elements.contact.iteration import make_pair_states
 from pw_elements.contact.model import (
     ContactPair,
     ContactState,

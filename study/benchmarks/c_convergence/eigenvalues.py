@@ -139,7 +139,8 @@ class VibrationBetweenWalls:
             one eigenvalue is known.
         mesh: Function of an element's name and a cell side length that returns a mesh.
         cell_sides: Side lengths of the cells, from coarse to fine.
-        normal_axes_and_positions_of_walls: Walls x_i = c on which the displacement u_i is zero, as pairs (i, c).
+        normal_axes_and_positions_of_walls: Walls x_i = c on which the displacement u_i is zero, as
+            pairs (i, c).
         elements: Names of the elements that are compared.
     """
 

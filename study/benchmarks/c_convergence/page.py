@@ -282,7 +282,7 @@ def draw_errors_over_element_size(results: Results) -> Figure:
 
 
 def caption_errors_over_element_size(results: Results) -> str:
-    """Return the caption of `draw_errors_over_element_size`, with ratios of eigenvalue errors of two elements."""
+    """Return the caption of `draw_errors_over_element_size`, with ratios of eigenvalue errors."""
     pw, galerkin, pairs, standard = (
         results.scalar(f"C/{element}-modes-square", "error_eigenvalue")
         for element in ("pw-T6", "galerkin-T6", "pw-Q8", "galerkin-Q8")

@@ -54,7 +54,8 @@ class ManufacturedSolution:
 
     Args:
         body: Body with its mesh, material and stress state.
-        displacement_components: Function (m, x, compliance) that returns the components of the displacement.
+        displacement_components: Function (m, x, compliance) that returns the components of the
+            displacement.
     """
 
     body: Body
@@ -102,8 +103,8 @@ class ManufacturedSolution:
 
         Args:
             u: Computed displacement, from which the stress is also computed.
-            function_for_gradient: Function whose gradient is compared with the exact gradient for the H1
-                seminorm; differs from `u` if the element assumes another gradient.
+            function_for_gradient: Function whose gradient is compared with the exact gradient for
+                the H1 seminorm; differs from `u` if the element assumes another gradient.
 
         Returns:
             Relative errors "H1", "L2" and "stress".

@@ -397,7 +397,8 @@ def _mesh_two_blocks(lower_and_upper_divisions: tuple[int, int]) -> "tuple[Mesh,
     """Create one mesh of two blocks, and a function that finds the entities of the upper block.
 
     Args:
-        lower_and_upper_divisions: Number of cells along each edge of the lower and of the upper block.
+        lower_and_upper_divisions: Number of cells along each edge of the lower and of the upper
+            block.
     """
     from mpi4py import MPI
 
@@ -507,8 +508,8 @@ def _mesh_row_of_separate_cubes(n_cubes: int) -> "Mesh":
 def measure_ball_sliding_on_rubber(measurement: Measurement) -> dict[str, float]:
     """Measure a rough ball that is pressed into neo-Hookean rubber and moved along it.
 
-    The two increments at large strains are compared with one increment of the linearised body on the
-    same mesh; `over_linear` is the ratio of CPU times per increment.
+    The two increments at large strains are compared with one increment of the linearised body on
+    the same mesh; `over_linear` is the ratio of CPU times per increment.
     """
     from mpi4py import MPI
 

@@ -498,7 +498,7 @@ def caption_nodal_forces_beside_calculix(results: Results) -> str:
 
 
 def describe_nodal_forces_beside_calculix(results: Results) -> str:
-    """Return the alternative text of `draw_nodal_forces_beside_calculix`, with forces in the middle of the block."""
+    """Return the alternative text of `draw_nodal_forces_beside_calculix`, with some forces."""
     curves, mean = results.curves(DRAWN_CASE), results.scalar(DRAWN_CASE, "mean_force")
     values = "; ".join(
         f"{ELEMENT_LOOK[element]['label']}: {corner:.2f} at a corner and {midside:.2f} at a mid-side node"

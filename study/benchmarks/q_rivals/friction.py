@@ -59,7 +59,8 @@ class FrictionMethod:
     Args:
         label: Name of the method in tables.
         solve: Function of the problem and, if the method has one, of its parameter.
-        parameter_sweep: Values of the parameter that are tried; empty if the method has no parameter.
+        parameter_sweep: Values of the parameter that are tried; empty if the method has no
+            parameter.
     """
 
     label: str

@@ -123,7 +123,8 @@ class ContactMethod:
         label: Name in tables and figures.
         n_parameters: Number of parameters that a user has to choose.
         usual_parameter: Best parameter on most meshes, used where no other values are tried.
-        parameter_sweep: Values of the parameter that are tried; empty if the method has no parameter.
+        parameter_sweep: Values of the parameter that are tried; empty if the method has no
+            parameter.
         arguments: Keyword arguments of `solve` that select a variant of the method.
     """
 
@@ -509,7 +510,7 @@ def draw_pressure_error_over_contact_end(results: Results) -> Figure:
 
 
 def describe_pressure_error_over_contact_end(results: Results) -> str:
-    """Return the alternative text of `draw_pressure_error_over_contact_end`, with the new element's errors."""
+    """Return the alternative text of `draw_pressure_error_over_contact_end`, with errors."""
     new = 100 * results.curves("Q/offsets-pw-T6")["pressure_l2"]
     return (
         f"Lines that rise and fall by a factor of two and more: the new element's between "

@@ -142,8 +142,8 @@ def _integrate_test_functions_beyond_x(
     Args:
         face: Facets of the face.
         x_min: Lower bound of x on the part that is integrated.
-        is_linear_on_sub_facets: Whether test functions are linear on sub-facets; otherwise they are quadratic on
-            facets.
+        is_linear_on_sub_facets: Whether test functions are linear on sub-facets; otherwise they are
+            quadratic on facets.
 
     Returns:
         Nodes (pieces, k) and integrals (pieces, k), one row per piece; a node may occur in several

@@ -92,7 +92,8 @@ class StiffnessMassPair:
         """Return supports by two smooth rigid walls normal to each of the first axes.
 
         Args:
-            distances_between_walls: Coordinate of the second wall on each axis; the first wall is at 0.
+            distances_between_walls: Coordinate of the second wall on each axis; the first wall is
+                at 0.
         """
         conditions = [
             prescribe(self.space, axis, make_plane_marker(axis, end))

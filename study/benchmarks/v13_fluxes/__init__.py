@@ -1,1 +1,1 @@
-"""Fluxes at prescribed nodes: their page, exact solutions of graded conduction, and Trefftz's method."""
+"""Fluxes at prescribed nodes: page, exact solutions of graded conduction, Trefftz's method."""

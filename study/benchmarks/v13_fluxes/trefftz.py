@@ -198,8 +198,8 @@ class TrefftzSolution:
 
         Args:
             points: Points (2, n) in the square from -1 to 1.
-            derivative_axis: Coordinate by which the functions are differentiated; None for the functions
-                themselves.
+            derivative_axis: Coordinate by which the functions are differentiated; None for the
+                functions themselves.
 
         Returns:
             Values (n, n_unknowns).

@@ -173,8 +173,8 @@ def _measure_errors_of_manufactured_solution(
         element: Element name.
         nu: Poisson's ratio.
         n: Number of cells along a side.
-        prescribes_all_sides: Whether exact displacements are prescribed on all sides; otherwise they are
-            prescribed on the bottom, and exact tractions on the other sides.
+        prescribes_all_sides: Whether exact displacements are prescribed on all sides; otherwise
+            they are prescribed on the bottom, and exact tractions on the other sides.
     """
     mesh = mesh_unit_square_or_cube(element, 1 / n)
     state = StressState.SOLID if mesh.geometry.dim == 3 else StressState.PLANE_STRAIN
@@ -209,7 +209,7 @@ def _measure_errors_of_manufactured_solution(
 def _prescribe_exact_displacements(
     space: fem.FunctionSpace, exact: ManufacturedDisplacementAndPressure, prescribes_all_sides: bool
 ) -> fem.DirichletBC:
-    """Prescribe the exact displacements on the bottom, or on all sides if `prescribes_all_sides` is true."""
+    """Prescribe the exact displacements on all sides if the flag is set, else on the bottom."""
     x = collapsed_displacement_space(space).tabulate_dof_coordinates()
     dim = space.mesh.geometry.dim
     is_held = np.isclose(x[:, 1], 0.0)

@@ -75,8 +75,8 @@ class SlidingHistory:
 
     Attributes:
         states: State at the end of each increment.
-        contact_law_violations: Violations of the contact law after each iteration of each increment, over the
-            largest nodal force.
+        contact_law_violations: Violations of the contact law after each iteration of each
+            increment, over the largest nodal force.
     """
 
     states: list[ContactState] = field(default_factory=list)

@@ -3,11 +3,12 @@
 The question is whether the element changes the engineer's answer. An "answer" is the engineering
 quantity that a problem determines, such as a wear depth; some problems have more than one.
 Pressures are computed from nodal forces by different "pressure rules", which the parameter
-`reading` selects (see `nodal_force_to_pressure_matrix`). Reference answers are cases as well: exact (stress in the
-submodel), computed with Hertz's exact pressure (heat flow), or computed on finer meshes of
-quadrilaterals and hexahedra (wear, friction, impact), which favour neither of the compared
-elements. Each case is repeated on two meshes with shifted lines; `study.judge.measures.engineering`
-combines these answers to bands and defines when an answer changes.
+`reading` selects (see `nodal_force_to_pressure_matrix`). Reference answers are cases as well: exact
+(stress in the submodel), computed with Hertz's exact pressure (heat flow), or computed on finer
+meshes of quadrilaterals and hexahedra (wear, friction, impact), which favour neither of the
+compared elements. Each case is repeated on two meshes with shifted lines;
+`study.judge.measures.engineering` combines these answers to bands and defines when an answer
+changes.
 """
 
 import matplotlib.pyplot as plt

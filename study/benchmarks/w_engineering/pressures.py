@@ -1,7 +1,9 @@
 """Contact pressures computed from nodal forces, and two applications of those of Hertz contact.
 
-1. `conduct_heat_through_joint`: heat flow through a joint whose conductance grows with the pressure.
-2. `solve_stress_in_refined_submodel`: stress just below the surface, computed with a finer model of part of the body.
+1. `conduct_heat_through_joint`: heat flow through a joint whose conductance grows with the
+    pressure.
+2. `solve_stress_in_refined_submodel`: stress just below the surface, computed with a finer model of
+    part of the body.
 
 Lengths are relative to the half width of the contact, and stresses to Young's modulus.
 """
@@ -302,9 +304,10 @@ def solve_stress_in_refined_submodel(
 
     Args:
         element: Element name of the global model.
-        surface_load: Load on the submodel's surface: the nodal forces themselves ("forces"), Hertz's
-            exact pressure ("exact"), or a pressure rule of `nodal_force_to_pressure_matrix`, whose pressures are
-            interpolated linearly between all nodes.
+        surface_load: Load on the submodel's surface: the nodal forces themselves ("forces"),
+            Hertz's exact pressure ("exact"), or a pressure rule of
+            `nodal_force_to_pressure_matrix`, whose pressures are interpolated linearly between all
+            nodes.
         edges: Number of edges of the global model over the half width of the contact.
         offset: Shift of the contact's end within the adjacent edge, over the length of this edge.
     """

@@ -3,7 +3,8 @@
 1. `wear_punch`: Archard wear of an elastic punch on a rigid plate that slides below it, normal to
    the plane of the model.
 2. `solve_partial_slip`: friction whose coefficient decreases with the pressure at each node.
-3. `throw_block_at_rough_dome`: explicit impact of a block that is thrown obliquely onto a rough rigid dome.
+3. `throw_block_at_rough_dome`: explicit impact of a block that is thrown obliquely onto a rough
+    rigid dome.
 """
 
 from collections.abc import Callable
@@ -267,10 +268,10 @@ class WearResult(NamedTuple):
         depth: Wear depths (m,) at the end of the path.
         pressure: Pressures (m,) at the end, by the pressure rule of the wear law.
         step_over_stability_limit: Step over the largest stable step.
-        relative_volume_error: Relative difference of the integrated wear depths from k F s, with the wear
-            coefficient k, the force F and the path s.
-        final_pressure_deviation: Largest relative deviation of a final pressure from the mean pressure, by the
-            rule "own", or "projected" if the integral of a test function vanishes.
+        relative_volume_error: Relative difference of the integrated wear depths from k F s, with
+            the wear coefficient k, the force F and the path s.
+        final_pressure_deviation: Largest relative deviation of a final pressure from the mean
+            pressure, by the rule "own", or "projected" if the integral of a test function vanishes.
     """
 
     punch: CondensedElasticPunch
@@ -409,9 +410,9 @@ def solve_partial_slip(
 
     Args:
         element: Element name such as "pw-T6" or "galerkin-T10".
-        pressure_rule: Pressure rule of the friction law: "own", "tributary" or "skip" at each node (with
-            "skip", a node whose test function has no integral has no friction), or "projected",
-            with coefficients that are computed by fixed-point iteration.
+        pressure_rule: Pressure rule of the friction law: "own", "tributary" or "skip" at each node
+            (with "skip", a node whose test function has no integral has no friction), or
+            "projected", with coefficients that are computed by fixed-point iteration.
         edges: Number of edges over the half width of the contact.
         halving_pressure: Pressure at which the coefficient is halved, over Hertz's peak pressure.
         offset: Shift of the contact's end within its edge, over the length of this edge.

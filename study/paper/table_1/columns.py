@@ -159,8 +159,8 @@ class MovingMeshElement:
     def free_dofs(self, supports: Supports, axis_nodes_unsupported: bool = False) -> Indices:
         """Return the numbers of the degrees of freedom that are not supported.
 
-        Dof 2 i + k is component k of node i. If `axis_nodes_unsupported` is true, nodes on the axis are not
-        supported in the normal direction of the surfaces.
+        Dof 2 i + k is component k of node i. If `axis_nodes_unsupported` is true, nodes on the axis
+        are not supported in the normal direction of the surfaces.
         """
         fixed = np.zeros((len(self.node_points), 2), dtype=bool)
         fixed[self._on_axis, 0] = True

@@ -276,10 +276,7 @@ def difference_of_rows(row: RecordRow, recorded: RecordRow) -> float:
     """
     worst = 0.0
     for name in TREATMENTS:
-        new, old = (np.array(compared.content[name], dtype=float) for compared in (row, recorded))
-        if not np.array_equal(np.isnan(new), np.isnan(old)):
-            return float("inf")
-        worst = max(worst, float(np.nanmax(np.abs(new - old))))
+        worst = max(worst, records.largest_difference(row.content[name], recorded.content[name]))
     ratio = np.array(row.content["standard"]) / np.array(recorded.content["standard"])
     return max(worst, float(np.abs(100 * (ratio - 1)).max()) / UNIT)
 

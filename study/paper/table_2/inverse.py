@@ -14,7 +14,8 @@ have a model as near as the best model is to the printed row. It is computed for
 the printed values and around the models' median, and the larger one counts.
 
 Criterion: a row is explained if the odds against chance, (1 - chance) / chance, are at least 20 for
-the whole family. Groups of models (A a corner node, A a mid-side node) are shown, but do not decide.
+the whole family. Groups of models (A a corner node, A a mid-side node) are shown, but do not
+decide.
 
 Likelihood: normal about each model, with the sum of the variance of the print's rounding and the
 square of the models' uncertainty. The uncertainty is the median change (times 1.4826) between
@@ -267,10 +268,10 @@ def inverse_problem(record: str) -> Result:
     """Compare either row and all four values of Table 2 with all models and with groups of models.
 
     Names of scalars begin with the row ("cps6", "user" or "both") and the group; see
-    `_compare_near_hit_models` and `_stress_changes_by_weight_functions` for others. Curves: `<row>_deviation` (n, 2) and
-    `<row>_corner` (n) of the distinct models of a row; `<row>_covariance` of its random rows;
-    `<row>_nearest` (m) quantiles `share` (m) of the random rows' distances from their nearest
-    model.
+    `_compare_near_hit_models` and `_stress_changes_by_weight_functions` for others. Curves:
+    `<row>_deviation` (n, 2) and `<row>_corner` (n) of the distinct models of a row;
+    `<row>_covariance` of its random rows; `<row>_nearest` (m) quantiles `share` (m) of the random
+    rows' distances from their nearest model.
 
     Args:
         record: Digest of the record of the models. It is a parameter in order that stored results
@@ -360,8 +361,8 @@ def _compare_near_hit_models(
 
     Only their mesh and the supports of the mid-section vary. Matrices are as derived and exactly
     integrated, with form G, the point load, and v = 0 only at A. `near_*` are the scalars of
-    `compare_row_with_models` for these models, and `near_midside_*` for those with A at a mid-side node;
-    `near_chance_in_family` is the chance of a distance as small in the whole family.
+    `compare_row_with_models` for these models, and `near_midside_*` for those with A at a mid-side
+    node; `near_chance_in_family` is the chance of a distance as small in the whole family.
     `near_lowest_*` and `near_highest_*` are extreme critical stresses over all patterns with the
     squares and supports of the best model, and `near_cps6_distance` is the distance of the nearest
     model of CPS6's row with these squares and supports.
