@@ -1,5 +1,9 @@
 """Elastic bodies, forces on their surfaces, and the symmetric standard element with even forces."""
 
+from pw_elements.elasticity.axisymmetry import (
+    is_axisymmetric_residual,
+    is_axisymmetric_stiffness,
+)
 from pw_elements.elasticity.body import Body, StressState, VectorCoefficient, lumped_mass
 from pw_elements.elasticity.boundary import boundary_measure, nodal_load, prescribe
 from pw_elements.elasticity.forces import (

@@ -9,6 +9,7 @@ from pw_elements.spaces.assembly import (
     assemble_scalar,
     assemble_vector,
     cell_measure,
+    collect_stress_states,
     compile_form,
     read_record,
 )

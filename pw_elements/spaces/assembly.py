@@ -74,10 +74,7 @@ class AssemblyRecord:
 
     @classmethod
     def from_form(cls, compiled_form: fem.Form, form: ufl.Form) -> "AssemblyRecord":
-        stress_states = {
-            part.metadata().get(STRESS_STATE_METADATA_KEY) for part in form.integrals()
-        }
-        return cls(compiled_form, stress_states=frozenset(stress_states - {None}))
+        return cls(compiled_form, stress_states=collect_stress_states(form))
 
     def attach(self, tensor: MatOrVec) -> MatOrVec:
         """Attach the record, which contains the form, to a matrix or vector; return the latter."""
@@ -96,6 +93,12 @@ class AssemblyRecord:
 
 
 _EMPTY_RECORD = AssemblyRecord()
+
+
+def collect_stress_states(form: ufl.Form) -> frozenset[str]:
+    """Return the states of stress of the bodies whose forms a form contains."""
+    states = {part.metadata().get(STRESS_STATE_METADATA_KEY) for part in form.integrals()}
+    return frozenset(states - {None})
 
 
 def read_record(tensor: PETSc.Mat | PETSc.Vec) -> AssemblyRecord:

@@ -1,18 +1,22 @@
 """Errors raised for invalid contact problems, and for problems with several solutions or none."""
 
 from dataclasses import replace
+from functools import partial
 
 from mpi4py import MPI
 
 import numpy as np
 import pytest
+import ufl
+from dolfinx import fem
 
-from pw_elements import Reduction
+from pw_elements import Reduction, prescribe
 from pw_elements.contact import (
     OPEN,
     SLIP,
     STICK,
     ContactPair,
+    ContactProblem,
     FreeBody,
     Motion,
     NoEquilibrium,
@@ -230,6 +234,87 @@ def test_the_penetration_that_is_refused_grows_with_the_body():
                 body.solve_contact(pair, supports)
         else:
             assert body.solve_contact(pair, supports)[0].pairs[0].force[1] > 0
+
+
+RING = ElasticBody(triangles(MPI.COMM_SELF, (1.0, 0.0), (2.0, 1.0), (2, 2)), state="axisymmetric")
+SHAFT_PAIR = ContactPair(on_plane(0, 1.0), Plane((1.0, 0.0), (1.0, 0.0)), 0.3)
+FREE_SHAFT_MOTIONS = [Motion((None, 0.1)), Motion((None, 0.1), force=(5.0, 0.0))]
+
+
+def make_ring_problem_with_residual(write_quotient, **pair_options):
+    """Return the problem of the ring on its shaft, defined by a residual.
+
+    `write_quotient` is a function that writes the hoop strain as a quotient of a radial component
+    and the radius.
+    """
+    space = RING.space
+    u, v = fem.Function(space), ufl.TestFunction(RING.body.spaces.test)
+    r = ufl.SpatialCoordinate(space.mesh)[0]
+    work = ufl.inner(ufl.sym(ufl.grad(u)), ufl.grad(v))
+    work += write_quotient(u[0], r) * write_quotient(v[0], r)
+    supports = [prescribe(space, 1, on_plane(1, 0.0))]
+    pair = replace(SHAFT_PAIR, **pair_options)
+    return ContactProblem.of_residual(work * r * ufl.dx, u, supports, pair)
+
+
+@pytest.mark.parametrize("motion", FREE_SHAFT_MOTIONS)
+@pytest.mark.parametrize("surface", [SHAFT_PAIR.surface, Sphere((0.0, 0.0), 1.0)])
+def test_free_radial_motions_are_refused_in_axisymmetry(surface, motion):
+    """A free radial motion is refused, with the pair and the remedy, and others are not.
+
+    Without a force it would let a shaft vanish. A prescribed one changes the radius of the shaft.
+    """
+    supports, message = RING.make_supports((1, on_plane(1, 0.0))), "pair 0 is free in the radial"
+    pair = replace(SHAFT_PAIR, surface=surface)
+    with pytest.raises(ValueError, match=message):
+        RING.solve_contact(replace(pair, motions=[motion]), supports)
+    problem = RING.contact_problem(pair, supports)
+    with pytest.raises(ValueError, match=f"{message}.*give 0"):
+        problem.step(problem.undeformed, motions=motion)
+
+
+def test_a_shaft_that_is_free_along_the_axis_may_grow_in_its_ring():
+    problem = RING.contact_problem(SHAFT_PAIR, RING.make_supports((1, on_plane(1, 0.0))))
+    state = problem.step(problem.undeformed, motions=Motion((1e-3, None)))
+    assert (state.pairs[0].force_normal > 0).all()
+    assert state.pairs[0].force[1] == pytest.approx(0.0, abs=1e-9 * state.pairs[0].force[0])
+
+
+def make_ring_problem_with_body_forms(**pair_options):
+    """Return the problem of the ring on its shaft, defined by the forms of its body."""
+    u = fem.Function(RING.space)
+    residual = ufl.action(RING.body.stiffness(), u)
+    supports = [prescribe(RING.space, 1, on_plane(1, 0.0))]
+    return ContactProblem.of_residual(residual, u, supports, replace(SHAFT_PAIR, **pair_options))
+
+
+@pytest.mark.parametrize(
+    "make_problem",
+    [
+        partial(make_ring_problem_with_residual, lambda component, r: component / r),
+        make_ring_problem_with_body_forms,
+    ],
+)
+def test_free_radial_motions_and_rotations_are_refused_with_an_axisymmetric_residual(make_problem):
+    problem = make_problem()
+    for motion in FREE_SHAFT_MOTIONS:
+        with pytest.raises(ValueError, match="pair 0 is free in the radial direction"):
+            problem.step(problem.undeformed, motions=motion)
+    with pytest.raises(ValueError, match="rotation without a pivot: in axisymmetry no surface"):
+        problem.step(problem.undeformed, motions=Motion((0.0, 0.0), rotation=None, torque=1.0))
+    with pytest.raises(ValueError, match="pair 0 has a pivot, but in axisymmetry no surface"):
+        make_problem(pivot=(0.0, 0.0))
+
+
+def test_a_plane_residual_that_depends_on_position_allows_free_motions():
+    """Quotients of the radius and stiffnesses that vary with x are not taken for hoop strains."""
+    problem = make_ring_problem_with_residual(
+        lambda component, r: component * r / (1 + r), pivot=(0.0, 0.0)
+    )
+    pressed = problem.step(problem.undeformed, motions=Motion((0.1, 0.0)))
+    force = 1.1 * pressed.pairs[0].force[0]
+    state = problem.step(pressed, motions=Motion((None, 0.0), (force, 0.0)))
+    assert state.pairs[0].translation[0] > 0.105
 
 
 def test_an_error_names_its_increment():

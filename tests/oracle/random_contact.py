@@ -275,6 +275,8 @@ def _draw_pair_sketches_and_loads(rng, dim, state, is_hollow, support, strain):
                 tangential_motion = _draw_name(rng, {"free": 0.6}, default="moved")
             limit = 0.9 if _draw_bool(rng, 0.85) else 1.3
             drag = tuple((rng.uniform(-limit, limit, up) / np.sqrt(up)).tolist())
+        # a surface round the axis has no free radial motion
+        is_round_body = state == "axisymmetric" and side[0] == 0
         return PairSketch(
             side,
             kind,
@@ -282,7 +284,7 @@ def _draw_pair_sketches_and_loads(rng, dim, state, is_hollow, support, strain):
             mu,
             _draw_name(rng, {"constant": 0.75, "graded": 0.15}, default="half smooth"),
             gap=rng.uniform(0.1, 0.8) if _draw_bool(rng, 0.3) else 0.0,
-            normal_drive=drive,
+            normal_drive="moved" if drive == "pushed" and is_round_body else drive,
             tangential_drive=tangential_motion,
             press=rng.uniform(0.3, 1.5) if drive != "rest" else 0.0,
             drag=drag,

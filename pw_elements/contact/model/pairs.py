@@ -28,10 +28,12 @@ class Motion:
 
     Args:
         translation: (dim,), translation of the surface. A component that is None is free and
-            follows from the force.
+            follows from the force. In axisymmetry the radial component is the radial displacement
+            of all points of the surface: it is 0 for a rigid surface, and another value changes
+            its radius, as in an expanding mandrel. It must not be free.
         force: (dim,), total force of the surface on the body. It is given in the free components
             and is zero in the prescribed ones. In axisymmetry it is the force on the whole
-            circumference, and the radial component is the sum of nodal forces round the axis.
+            circumference.
         rotation: angle in radians. A positive angle is right-handed about the pair's axis in space,
             and anticlockwise in the plane. None means that the rotation is free and follows from
             the torque.

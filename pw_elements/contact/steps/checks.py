@@ -43,6 +43,7 @@ from pw_elements.contact.steps.stepping import (
     REMEDIES_FOR_FAILED_ITERATION,
     RemedyName,
 )
+from pw_elements.elasticity import is_axisymmetric_stiffness
 from pw_elements.progress import log_on_root
 from pw_elements.solvers import SolverOrAuto
 from pw_elements.spaces import is_hybrid
@@ -84,9 +85,21 @@ def check_contact_arguments(
         check_function_or_none("callback", callback, "it has to be a function")
     pair_list = as_list_of_type(pairs, ContactPair, "a contact pair")
     check_problem({"the stiffness": K}, reductions=(reduction,), space=space, solver=solver)
+    if is_axisymmetric_stiffness(K):
+        check_pairs_have_no_pivot(pair_list)
     if any(isinstance(pair.surface, DeformableSurface) for pair in pair_list):
         check_piecewise_linear_weight_functions(K, space)
     return tuple(pair_list)
+
+
+def check_pairs_have_no_pivot(pairs: Sequence[ContactPair]) -> None:
+    """Raise ValueError if a pair has a pivot, since no surface rotates in axisymmetry."""
+    for k, pair in enumerate(pairs):
+        if pair.pivot is not None:
+            raise ValueError(
+                f"contact pair {k} has a pivot, but in axisymmetry no surface can rotate about a "
+                "point of the plane (r, z): leave the pivot out"
+            )
 
 
 def check_impact_and_list_surface_paths(
@@ -142,11 +155,20 @@ def list_remedy_max_cost_ratios(remedies: RemedyNamesOrCostRatios) -> dict[Remed
     }
 
 
-def check_large_strain_surfaces(pairs: Sequence[ContactPair], space: fem.FunctionSpace) -> None:
+def check_large_strain_surfaces(
+    pairs: Sequence[ContactPair], space: fem.FunctionSpace, is_axisymmetric: bool
+) -> None:
     """Raise ValueError if the surface of a pair is not supported at large strains.
 
     The message suggests an alternative.
+
+    Args:
+        pairs: contact pairs.
+        space: trial space.
+        is_axisymmetric: whether the body is known to be axisymmetric.
     """
+    if is_axisymmetric:
+        check_pairs_have_no_pivot(pairs)
     for k, pair in enumerate(pairs):
         surface, fault = pair.surface, ""
         if getattr(surface, "gradient", True) is None:
@@ -309,7 +331,10 @@ def check_start_state(state: ContactState, undeformed: ContactState) -> None:
 
 
 def check_and_list_motions(
-    motions: Motion | Sequence[Motion | None] | None, pairs: Sequence[ContactPair], dim: int
+    motions: Motion | Sequence[Motion | None] | None,
+    pairs: Sequence[ContactPair],
+    dim: int,
+    is_axisymmetric: bool,
 ) -> list[Motion | None]:
     """Return the motion of each pair's surface; raise an error if a motion is invalid.
 
@@ -317,17 +342,23 @@ def check_and_list_motions(
         motions: motions that the user has passed; None or an empty list if no surface moves.
         pairs: contact pairs.
         dim: dimension of the mesh.
+        is_axisymmetric: whether the body is known to be axisymmetric.
     """
     motion_list = as_list_per_pair("motions", () if motions is None else motions, len(pairs))
-    check_motions(motion_list, pairs, dim)
+    check_motions(motion_list, pairs, dim, is_axisymmetric)
     return motion_list
 
 
-def check_motions(motions: Sequence[Motion | None], pairs: Sequence[ContactPair], dim: int) -> None:
+def check_motions(
+    motions: Sequence[Motion | None],
+    pairs: Sequence[ContactPair],
+    dim: int,
+    is_axisymmetric: bool,
+) -> None:
     """Raise an error for invalid motions.
 
-    A motion is invalid if it has the wrong type or dimension, or if it is a rotation of a surface
-    without a pivot.
+    A motion is invalid if it has the wrong type or dimension, if it is a rotation of a surface
+    without a pivot, or if it is free radially in axisymmetry.
     """
     for k, (motion, pair) in enumerate(zip(motions, pairs, strict=True)):
         if motion is None:
@@ -336,7 +367,19 @@ def check_motions(motions: Sequence[Motion | None], pairs: Sequence[ContactPair]
         if len(motion.translation) != dim:
             raise ValueError(f"the motion of contact pair {k} is not {dim}-D")
         if pair.pivot is None and motion.rotation != 0:
-            raise ValueError(f"contact pair {k} has a rotation without a pivot: give it a pivot")
+            remedy = (
+                "in axisymmetry no surface can rotate about a point of the plane (r, z)"
+                if is_axisymmetric
+                else "give it a pivot"
+            )
+            raise ValueError(f"contact pair {k} has a rotation without a pivot: {remedy}")
+        if is_axisymmetric and motion.translation[0] is None:
+            raise ValueError(
+                f"the motion of contact pair {k} is free in the radial direction, in which a "
+                "surface of revolution cannot move as a whole, since radial forces on it have no "
+                "resultant: give 0 as its radial translation, or the prescribed change of its "
+                "radius"
+            )
 
 
 def check_and_list_history_functions(
@@ -383,7 +426,10 @@ def check_and_list_successive_states(
 
 
 def check_and_list_loads_and_motions(
-    loads: PETSc.Vec | Sequence[PETSc.Vec], K: PETSc.Mat, pairs: Sequence[ContactPair], dim: int
+    loads: PETSc.Vec | Sequence[PETSc.Vec],
+    K: PETSc.Mat,
+    pairs: Sequence[ContactPair],
+    dim: int,
 ) -> tuple[list[PETSc.Vec], list[list[Motion | None]]]:
     """Return the load of each increment, and the motions of all surfaces in each increment.
 
@@ -417,7 +463,7 @@ def check_and_list_loads_and_motions(
             )
     motions_by_increment = list(map(list, zip(*motions_by_pair, strict=True)))
     for increment_motions in motions_by_increment:
-        check_motions(increment_motions, pairs, dim)
+        check_motions(increment_motions, pairs, dim, is_axisymmetric_stiffness(K))
     return load_list, motions_by_increment
 
 

@@ -1,4 +1,4 @@
-"""Contact problems: public classes and functions that check arguments and solve increments.
+"""Contact problems: public classes that check arguments and solve increments.
 
 The module guarantees that the arguments of each increment are checked once, that states are never
 changed, and that an error on one process is raised on all processes.
@@ -22,7 +22,12 @@ from pw_elements.arrays import Array, Indices
 from pw_elements.checks import arguments, check_mesh, check_same_arguments_on_all_processes
 from pw_elements.contact.interface import find_reduced_column_of_each_unknown
 from pw_elements.contact.iteration import make_undeformed_state
-from pw_elements.contact.model import ContactFailed, ContactPair, ContactState, Motion
+from pw_elements.contact.model import (
+    ContactPair,
+    ContactState,
+    DeformableSurface,
+    Motion,
+)
 from pw_elements.contact.output import (
     ProblemFingerprint,
     ProgressCallback,
@@ -37,7 +42,6 @@ from pw_elements.contact.steps.checks import (
     FrictionOfPair,
     RemedyNamesOrCostRatios,
     check_and_list_history_functions,
-    check_and_list_loads_and_motions,
     check_and_list_motions,
     check_and_list_parameters_with_rates,
     check_and_list_successive_states,
@@ -61,13 +65,12 @@ from pw_elements.contact.steps.sensitivity import (
     iterate_increments_and_substeps,
 )
 from pw_elements.contact.steps.stepping import REMEDIES_FOR_FAILED_ITERATION, SmallStrainStepping
-from pw_elements.progress import report_activity
+from pw_elements.elasticity import is_axisymmetric_residual, is_axisymmetric_stiffness
 from pw_elements.solvers import (
     Direct,
     LinearSolver,
     SolverOrAuto,
     choose_solver,
-    collect_garbage,
     compute_with_direct_fallback,
     has_separate_supports,
 )
@@ -130,6 +133,7 @@ class ContactProblem:
         )
         check_mesh(space.mesh)
         self._K, self._space, self._reduction = K, space, reduction
+        self._is_axisymmetric = is_axisymmetric_stiffness(K)
         self._requested_solver, self._supports = solver, reduction.supports
         self._stepping_options: dict[str, Any] = {
             "max_iterations": max_iterations,
@@ -304,10 +308,10 @@ class ContactProblem:
                 instead.
         """
         check_start_state(state, self.undeformed)
-        dim = self._space.mesh.geometry.dim
-        return self._check_load_and_solve_step(
-            state, load, check_and_list_motions(motions, self.pairs, dim)
+        motion_list = check_and_list_motions(
+            motions, self.pairs, self._space.mesh.geometry.dim, self._is_axisymmetric
         )
+        return self._check_load_and_solve_step(state, load, motion_list)
 
     def _check_load_and_solve_step(
         self,
@@ -568,7 +572,11 @@ class _ResidualProblem(ContactProblem):
         self.pairs = check_contact_arguments(
             K, reduction, pairs, space, max_iterations, solver, callback
         )
-        check_large_strain_surfaces(self.pairs, space)
+        self._is_axisymmetric = is_axisymmetric_residual(residual, u) or any(
+            isinstance(pair.surface, DeformableSurface) and bool(pair.surface.revolved)
+            for pair in self.pairs
+        )
+        check_large_strain_surfaces(self.pairs, space, self._is_axisymmetric)
         check_mesh(space.mesh)
         self._space, self._K, self._reduction = space, K, reduction
         self._history_spaces = [function.function_space for function in functions]
@@ -635,62 +643,3 @@ class _ResidualProblem(ContactProblem):
     def _make_fingerprint(self) -> ProblemFingerprint:
         column, residual = self._large_strain_stepping.support_markers_and_residual_fingerprint()
         return ProblemFingerprint(self._fingerprint_mesh_supports_and_pairs(column), residual)
-
-
-@check_same_arguments_on_all_processes
-def solve_contact(
-    K: PETSc.Mat,
-    loads: PETSc.Vec | Sequence[PETSc.Vec],
-    reduction: Reduction,
-    pairs: ContactPair | Sequence[ContactPair],
-    space: fem.FunctionSpace,
-    max_iterations: int = 50,
-    solver: SolverOrAuto = None,
-    callback: ProgressCallback | None = None,
-    remedies: RemedyNamesOrCostRatios = REMEDIES_FOR_FAILED_ITERATION,
-) -> list[ContactState]:
-    """Solve contact at small displacements; return the state at the end of each increment.
-
-    Args:
-        K: stiffness (n, n) without supports. It may be unsymmetric.
-        loads: total load vector (n,) at the end of each increment. A single vector needs no list.
-        reduction: supports (or condensation). It must not eliminate contact nodes, but supports may
-            prescribe their tangential displacements.
-        pairs: contact pairs. A node must not belong to more than one pair.
-        space: trial space of the displacements, or of the hybrid element.
-        max_iterations: largest number of linear systems solved in one attempt at an increment.
-        solver: solver of the linear systems, as in `solve`.
-        callback: function that is called with a `Progress` after each iteration and each increment.
-            It may be given on some of the processes only. If it raises an exception, the
-            computation ends.
-        remedies: methods that are tried if the iteration fails, as in `ContactProblem`.
-
-    Raises:
-        TypeError, ValueError: for arguments that do not define a contact problem, loads that are
-            not finite, a number of motions other than the number of increments, or
-            `max_iterations` below 1.
-        DegenerateMesh: for cells that are flat or inverted.
-        FreeBody, NoEquilibrium, NotUnique, SolutionNotFound, SurfacePassed: as in
-            `ContactProblem.step`. The message gives the number of the increment, counted from 0.
-            The attribute `states` contains the states before this increment.
-    """
-    problem = ContactProblem(K, reduction, pairs, space, solver, max_iterations, callback, remedies)
-    load_list, motions_by_increment = check_and_list_loads_and_motions(
-        loads, K, problem.pairs, space.mesh.geometry.dim
-    )
-    states = [problem.undeformed]
-    for k, (load, increment_motions) in enumerate(
-        zip(load_list, motions_by_increment, strict=True)
-    ):
-        try:
-            with report_activity(space.mesh.comm, f"{k} of {len(load_list)} increments done"):
-                states.append(problem.step(states[-1], load, increment_motions))
-        except ContactFailed as error:
-            error.args = (f"increment {k}: {error}",)
-            error.states = states[1:]
-            raise
-    solved_states = states[1:]
-    problem.release()  # frees memory for the next problem
-    del problem, states
-    collect_garbage(K)
-    return solved_states

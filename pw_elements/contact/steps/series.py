@@ -1,22 +1,25 @@
-"""Solution of one problem for many values of a parameter, with a table of the results.
+"""Series of solutions: increments of one problem, and a table for many values of a parameter.
 
-The module guarantees that an invalid result stops the series on all processes, and that rows that
-have been computed are written even if the series stops.
+The module guarantees that an invalid result stops the series on all processes, and that states and
+rows that have been computed are kept even if the series stops.
 """
 
 import csv
 import io
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from time import perf_counter
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
+from dolfinx import fem
 
+from pw_elements.algebra import Reduction
 from pw_elements.arrays import Array
 from pw_elements.checks import (
     MAX_RELATIVE_DIFFERENCE_BETWEEN_RANKS,
@@ -26,13 +29,78 @@ from pw_elements.checks import (
     check_same_values,
     raise_errors_on_all_processes,
 )
-from pw_elements.contact.model import ContactFailed
-from pw_elements.contact.output import check_and_convert_path
+from pw_elements.contact.model import ContactFailed, ContactPair, ContactState
+from pw_elements.contact.output import ProgressCallback, check_and_convert_path
+from pw_elements.contact.steps.checks import (
+    RemedyNamesOrCostRatios,
+    check_and_list_loads_and_motions,
+)
+from pw_elements.contact.steps.problem import ContactProblem
+from pw_elements.contact.steps.stepping import REMEDIES_FOR_FAILED_ITERATION
 from pw_elements.files import check_file_replaceable, replace_file_atomically
 from pw_elements.progress import log_on_root, report_activity
-from pw_elements.solvers import NotConverged, SingularSystem
+from pw_elements.solvers import NotConverged, SingularSystem, SolverOrAuto, collect_garbage
 
 _FAILURE_COLUMN = "failure"
+
+
+@check_same_arguments_on_all_processes
+def solve_contact(
+    K: PETSc.Mat,
+    loads: PETSc.Vec | Sequence[PETSc.Vec],
+    reduction: Reduction,
+    pairs: ContactPair | Sequence[ContactPair],
+    space: fem.FunctionSpace,
+    max_iterations: int = 50,
+    solver: SolverOrAuto = None,
+    callback: ProgressCallback | None = None,
+    remedies: RemedyNamesOrCostRatios = REMEDIES_FOR_FAILED_ITERATION,
+) -> list[ContactState]:
+    """Solve contact at small displacements; return the state at the end of each increment.
+
+    Args:
+        K: stiffness (n, n) without supports. It may be unsymmetric.
+        loads: total load vector (n,) at the end of each increment. A single vector needs no list.
+        reduction: supports (or condensation). It must not eliminate contact nodes, but supports may
+            prescribe their tangential displacements.
+        pairs: contact pairs. A node must not belong to more than one pair.
+        space: trial space of the displacements, or of the hybrid element.
+        max_iterations: largest number of linear systems solved in one attempt at an increment.
+        solver: solver of the linear systems, as in `solve`.
+        callback: function that is called with a `Progress` after each iteration and each increment.
+            It may be given on some of the processes only. If it raises an exception, the
+            computation ends.
+        remedies: methods that are tried if the iteration fails, as in `ContactProblem`.
+
+    Raises:
+        TypeError, ValueError: for arguments that do not define a contact problem, loads that are
+            not finite, a number of motions other than the number of increments, or
+            `max_iterations` below 1.
+        DegenerateMesh: for cells that are flat or inverted.
+        FreeBody, NoEquilibrium, NotUnique, SolutionNotFound, SurfacePassed: as in
+            `ContactProblem.step`. The message gives the number of the increment, counted from 0.
+            The attribute `states` contains the states before this increment.
+    """
+    problem = ContactProblem(K, reduction, pairs, space, solver, max_iterations, callback, remedies)
+    load_list, motions_by_increment = check_and_list_loads_and_motions(
+        loads, K, problem.pairs, space.mesh.geometry.dim
+    )
+    states = [problem.undeformed]
+    for k, (load, increment_motions) in enumerate(
+        zip(load_list, motions_by_increment, strict=True)
+    ):
+        try:
+            with report_activity(space.mesh.comm, f"{k} of {len(load_list)} increments done"):
+                states.append(problem.step(states[-1], load, increment_motions))
+        except ContactFailed as error:
+            error.args = (f"increment {k}: {error}",)
+            error.states = states[1:]
+            raise
+    solved_states = states[1:]
+    problem.release()  # frees memory for the next problem
+    del problem, states
+    collect_garbage(K)
+    return solved_states
 
 
 @check_same_arguments_on_all_processes
