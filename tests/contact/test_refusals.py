@@ -287,20 +287,30 @@ HINGE_MOTION_PATTERN = (
     r"rotation about the axis along y through \(0, 1, 0\) of the body and translation y"
 )
 RING_WALL_PAIR = ContactPair(on_plane(0, 3.0), Plane((3, 0), (-1, 0)))
+FRICTION_OF_FIRST_PAIR_REMEDY = "give contact pair 0 friction, which acts only under pressure"
+FACING_NODES_REMEDY = "give contact pair 0 nodes that face its surface, as none of them does"
 GRAVITY, GRAVITY_IN_SPACE = (0.0, -1.0), (0.0, 0.0, -1.0)
 FREE_MOTION_CASES = {
-    "ice": (make_block, FRICTIONLESS_FLOOR, GRAVITY, "^increment 0: translation x"),
+    "ice": (
+        make_block,
+        FRICTIONLESS_FLOOR,
+        GRAVITY,
+        "^increment 0: translation x",
+        [FRICTION_OF_FIRST_PAIR_REMEDY],
+    ),
     "inclined": (
         make_block,
         floor_pair(0.0, HorizontalGapInclinedNormal()),
         GRAVITY,
         r"translation \(0\.8, 0\.6\)",
+        [FRICTION_OF_FIRST_PAIR_REMEDY],
     ),
     "apart": (
         make_two_blocks,
         FRICTIONLESS_FLOOR,
         GRAVITY,
         f"{FIRST_BODY_TRANSLATION_PATTERN} and {SECOND_BODY_TRANSLATION_PATTERN}",
+        [FRICTION_OF_FIRST_PAIR_REMEDY],
     ),
     # a rough plate on a block on a frictionless floor is free together with the block
     "together": (
@@ -308,33 +318,55 @@ FREE_MOTION_CASES = {
         [FRICTIONLESS_FLOOR, FREE_PLATE_PAIR],
         GRAVITY,
         "0: translation x of the body with translation x of",
+        ["prescribe the translation of a surface that is free", FRICTION_OF_FIRST_PAIR_REMEDY],
     ),
     "space": (
         make_solid_block,
         FRICTIONLESS_FLOOR_IN_SPACE,
         GRAVITY_IN_SPACE,
         SPIN_AND_TRANSLATION_PATTERN,
+        [FRICTION_OF_FIRST_PAIR_REMEDY],
     ),
     "pinned": (
         lambda c: make_solid_block(c, [(axis, is_at_origin) for axis in range(3)]),
         DISTANT_PUNCH_PAIR,
         GRAVITY_IN_SPACE,
         THREE_ROTATIONS_PATTERN,
+        [FACING_NODES_REMEDY],
     ),
     "hinged": (
         lambda c: make_solid_block(c, EDGE_SUPPORT_CONDITIONS),
         DISTANT_PUNCH_PAIR,
         GRAVITY_IN_SPACE,
         HINGE_MOTION_PATTERN,
+        [FACING_NODES_REMEDY],
     ),
-    "axis": (make_ring, RING_WALL_PAIR, (0.0, 1.0), "0: translation y"),
+    "axis": (
+        make_ring,
+        RING_WALL_PAIR,
+        (0.0, 1.0),
+        "0: translation y",
+        [FRICTION_OF_FIRST_PAIR_REMEDY],
+    ),
+    # friction under the first block would not hold the second
+    "second": (
+        make_two_blocks,
+        ContactPair(lambda x: np.isclose(x[1], 0.0) & (x[0] < 4), FLOOR),
+        GRAVITY,
+        f"{FIRST_BODY_TRANSLATION_PATTERN} and .*{SECOND_BODY_TRANSLATION_PATTERN}",
+        [],
+    ),
 }
 
 
 @pytest.mark.parametrize("name", FREE_MOTION_CASES)
 def test_free_motions_are_named(name):
-    make_body, pairs, load, message = FREE_MOTION_CASES[name]
-    catch_refusal_and_check_proof(make_body(SELF_COMM), pairs, load, f"{message}.*: held", FreeBody)
+    make_body, pairs, load, message, remedies = FREE_MOTION_CASES[name]
+    error = catch_refusal_and_check_proof(
+        make_body(SELF_COMM), pairs, load, f"{message}.*: held", FreeBody
+    )
+    support = "hold it by a support, whose reaction is zero unless the loads drive the motion"
+    assert str(error).split("; ")[-1].split(", or ") == [support, *remedies]
 
 
 def collect_refusal_messages(comm):
@@ -356,7 +388,7 @@ def collect_refusal_messages(comm):
         (make_solid_block(comm), floor_in_space, (0.3, 0.3, -1.0)),
         (make_ring(comm), floor_pair(0.0), (0.3, 1.0)),
     ]
-    cases += [(make(comm), pairs, load) for make, pairs, load, _ in FREE_MOTION_CASES.values()]
+    cases += [(make(comm), pairs, load) for make, pairs, load, *_ in FREE_MOTION_CASES.values()]
     messages = []
     for problem, pairs, load in cases:
         with pytest.raises(ContactFailed) as error:

@@ -134,7 +134,7 @@ def increment_solution_and_start():
             linearised,
             start,
             rigid.describe_free_rigid_motions,
-            target.unloaded_free_surfaces,
+            target,
         ),
         linearised,
         stepping._make_active_set_update(rigid, "rough"),

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from pw_elements.arrays import Array, Mask
 from pw_elements.contact.interface import ContactInterface
 from pw_elements.contact.iteration.increment import IncrementEquations, NewtonIterate
+from pw_elements.contact.iteration.target import TargetLoadsAndMotions
 from pw_elements.contact.model import (
     ActiveSetCycling,
     ContactState,
@@ -407,12 +408,14 @@ def choose_first_active_set(
     kinematics: LinearisedKinematics,
     start_state: ContactState,
     describe_free_rigid_motions: FreeRigidMotionDescriber,
-    unloaded_free_surfaces: Mask,
+    target: TargetLoadsAndMotions,
 ) -> ActiveSet:
     """Return the first active set of an increment.
 
     It is the final set of the previous state or, if the previous state is undeformed, the set of
-    touching nodes. If this set does not hold the body, all nodes that face a surface stick.
+    touching nodes. If this set does not hold the body, all nodes that face a surface stick. In the
+    pairs of surfaces that are free to move without a prescribed force, the touching nodes are
+    closed, whatever the previous state.
 
     Args:
         interface: contact points of all pairs.
@@ -420,9 +423,7 @@ def choose_first_active_set(
         start_state: contact state at the start of the increment.
         describe_free_rigid_motions: function that returns the names of the rigid motions that
             remain free for an active set.
-        unloaded_free_surfaces: mask (pairs,) of surfaces that are free to move and have no
-            prescribed force. In these pairs the touching nodes are closed, whatever the previous
-            state.
+        target: loads and motions at the end of the increment.
 
     Raises:
         FreeBody: if a rigid motion remains free even with all nodes that face a surface sticking.
@@ -431,8 +432,8 @@ def choose_first_active_set(
         candidates = [recover_active_set_of_state(interface, kinematics, start_state)]
     else:
         candidates = [_close_touching_and_nearest_nodes(interface, kinematics)]
-    if start_state.increment and unloaded_free_surfaces.any():
-        (resumed,), is_unloaded = candidates, unloaded_free_surfaces[interface.pair]
+    if start_state.increment and target.unloaded_free_surfaces.any():
+        (resumed,), is_unloaded = candidates, target.unloaded_free_surfaces[interface.pair]
         touching = _close_touching_and_nearest_nodes(interface, kinematics)
         slipping_status = np.where(touching.status == STICK, SLIP, touching.status)
         slipping = replace(touching, status=slipping_status.astype(np.int8))
@@ -446,10 +447,61 @@ def choose_first_active_set(
         motions = describe_free_rigid_motions(candidate, kinematics.frame)
         if not motions:
             return candidate
+    remedies = _list_remedies_for_free_rigid_motions(
+        interface, kinematics, describe_free_rigid_motions, bool(target.free_motions)
+    )
     raise FreeBody(
         f"{' and '.join(motions)}: held neither by supports nor by contact, even if all contact "
-        "nodes touched and stuck; add a support, friction or contact nodes"
+        f"nodes touched and stuck where there is friction; {', or '.join(remedies)}"
     )
+
+
+def _list_remedies_for_free_rigid_motions(
+    interface: ContactInterface,
+    kinematics: LinearisedKinematics,
+    describe_free_rigid_motions: FreeRigidMotionDescriber,
+    has_free_surfaces: bool,
+) -> list[str]:
+    """Return advice to a user whose body moves freely although all its nodes are closed.
+
+    Friction is proposed only if no motion were free with friction in the named pairs. The call is
+    collective.
+
+    Args:
+        interface: contact points of all pairs.
+        kinematics: kinematics linearised at the initial iterate.
+        describe_free_rigid_motions: function that returns the names of the rigid motions that
+            remain free for an active set.
+        has_free_surfaces: whether a translation of a surface is free.
+    """
+    faces_surface, cone = np.isfinite(kinematics.gap), interface.cone
+    numbers_by_kind = [
+        [
+            k
+            for k in range(interface.pairs)
+            if interface.comm.allreduce(bool(np.any(mask & (interface.pair == k))), MPI.LOR)
+        ]
+        for mask in (faces_surface, faces_surface & ~cone.has_friction)
+    ]
+    facing_pairs, smooth_pairs = numbers_by_kind
+    remedies = ["hold it by a support, whose reaction is zero unless the loads drive the motion"]
+    if has_free_surfaces:
+        remedies.append("prescribe the translation of a surface that is free")
+    if smooth_pairs:
+        all_stick = make_sticking_active_set(faces_surface, cone, kinematics.frame.shape[1] - 1)
+        status = np.where(faces_surface, STICK, OPEN).astype(np.int8)
+        if not describe_free_rigid_motions(replace(all_stick, status=status), kinematics.frame):
+            remedies.append(
+                f"give contact pair {' and '.join(map(str, smooth_pairs))} friction, which acts "
+                "only under pressure"
+            )
+    missing_pairs = sorted(set(range(interface.pairs)) - set(facing_pairs))
+    if missing_pairs:
+        remedies.append(
+            f"give contact pair {' and '.join(map(str, missing_pairs))} nodes that face its "
+            "surface, as none of them does"
+        )
+    return remedies
 
 
 def _close_touching_and_nearest_nodes(

@@ -339,7 +339,7 @@ class SmallStrainStepping:
             linearised,
             state,
             rigid.describe_free_rigid_motions,
-            target.unloaded_free_surfaces,
+            target,
         )
         max_iterations = self._max_iterations
         if remaining_solves is not None:
