@@ -129,22 +129,39 @@ class LastContactLost(SolutionNotFound):
     """The next active set would release a body or a surface that only contact holds in place."""
 
 
-def describe_exhausted_friction(state: ContactState) -> str:
+def describe_exhausted_friction(
+    failed_state: ContactState, start_state: ContactState | None = None
+) -> str:
     """Return a message about all pairs of a state whose friction is exhausted.
 
-    The message is empty if there is no such pair.
+    The message is empty if there is no such pair. In a state that is not a solution, normal forces
+    grow with the load that friction cannot carry, so that the limit of friction would be too high.
+    The message therefore states the limit at the start of the increment, unless that exceeds the
+    friction in the failed state or the pair bore no force.
+
+    Args:
+        failed_state: the last state found, in which friction is exhausted.
+        start_state: state at the start of the increment, if `failed_state` is not a solution.
     """
     words = []
-    for k, pair in enumerate(state.pairs):
-        capacity = pair.friction_capacity
+    for k, pair in enumerate(failed_state.pairs):
         carried = float(np.linalg.norm(pair.force_tangential, axis=1).sum())
-        if capacity > 0 and carried >= _EXHAUSTED_FRACTION_OF_FRICTION_LIMIT * capacity:
-            words.append(
-                f"Friction of contact pair {k} is exhausted: with normal forces whose sum is "
-                f"{pair.force_normal.sum():.4g}, its nodes carry {carried:.4g} of at most "
-                f"{capacity:.4g} along the surface. A larger friction force needs a larger "
-                "coefficient or larger normal forces; smaller increments do not help"
-            )
+        capacity = pair.friction_capacity
+        if not (capacity > 0 and carried >= _EXHAUSTED_FRACTION_OF_FRICTION_LIMIT * capacity):
+            continue
+        verb, when, normal_forces = "carry", "", pair.force_normal
+        if start_state is not None:
+            verb, when = "would have to carry", " in the nearest state"
+            start_pair = start_state.pairs[k]
+            if 0 < start_pair.friction_capacity <= carried:
+                when, normal_forces = " at the start of the increment", start_pair.force_normal
+                capacity = start_pair.friction_capacity
+        words.append(
+            f"Friction of contact pair {k} is exhausted: its nodes {verb} {carried:.4g} of at most "
+            f"{capacity:.4g} along the surface, with normal forces whose sum is "
+            f"{normal_forces.sum():.4g}{when}. A larger friction force needs a larger "
+            "coefficient or larger normal forces; smaller increments do not help"
+        )
     return ". ".join(words)
 
 

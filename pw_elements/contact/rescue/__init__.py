@@ -14,7 +14,6 @@ from pw_elements.contact.rescue.refusals import (
     prove_no_equilibrium,
     raise_if_body_is_loose,
     rescue_increment,
-    solve_with_softening_springs,
 )
 from pw_elements.contact.rescue.rigid import RigidMotions
 from pw_elements.contact.rescue.smallness import (
@@ -24,6 +23,7 @@ from pw_elements.contact.rescue.smallness import (
     warn_if_no_longer_small,
     warn_if_slip_and_path_slip_differ,
 )
+from pw_elements.contact.rescue.springs import solve_with_softening_springs
 from pw_elements.contact.rescue.substeps import (
     combine_substeps_with_summed_slip,
     count_equal_nearly_straight_segments,

@@ -1,7 +1,4 @@
-"""Solve an increment whose iteration has failed by another method, or refuse it with the reason.
-
-The other method holds the contact nodes by springs, which are unstressed in the last solution with
-springs. The springs get softer after each solution, and stiffer after each failure.
+"""Refuse an increment whose iteration has failed, with a proof or the likely reason.
 
 Statics alone may prove that no contact forces balance the loads. The proof is a rigid motion in
 which the loads do work and v_n >= mu |v_t| at every node that a surface faces. Here v_n and v_t are
@@ -15,7 +12,6 @@ linear program runs on one process. It takes 3 seconds for 10 000 nodes in three
 seconds in two dimensions.
 """
 
-import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -27,13 +23,9 @@ import scipy  # loads scipy.optimize when it is first used
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import format_points, raise_errors_on_all_processes
 from pw_elements.contact.iteration import (
-    ActiveSetUpdate,
     IncrementEquations,
-    LinearIncrementEquations,
     NewtonIterate,
     make_contact_state,
-    report_no_free_motions,
-    solve_increment,
 )
 from pw_elements.contact.model import (
     ContactFailed,
@@ -49,10 +41,7 @@ from pw_elements.contact.model import (
 )
 from pw_elements.contact.nodes import (
     MAX_CONTACT_VIOLATION_PER_NODAL_FORCE,
-    ActiveSet,
     LinearisedKinematics,
-    SmallStrainKinematics,
-    is_same_set,
 )
 from pw_elements.contact.rescue.rigid import (
     NEGLIGIBLE_TO_LARGEST_COMPONENT_RATIO,
@@ -62,21 +51,9 @@ from pw_elements.contact.rescue.rigid import (
     format_direction,
 )
 from pw_elements.contact.system import SolveCountAndReport
-from pw_elements.progress import log_on_root
-from pw_elements.solvers import NotConverged, SingularSystem, group_connected_nodes
+from pw_elements.solvers import NotConverged, group_connected_nodes
 
-# Stiffness of the first and of the softest springs, relative to the diagonal stiffness of the nodes
-_FIRST_SPRING_TO_NODE_STIFFNESS_RATIO, _MIN_SPRING_TO_NODE_STIFFNESS_RATIO = 1e-2, 1e-13
-# Factors by which the springs get softer after a solution, and stiffer after a failure
-_SPRING_SOFTENING_FACTOR, _SPRING_STIFFENING_FACTOR = 30.0, 5.0
-# After a failure the softening factor is raised to this power, and limited by the smallest factor
-_SOFTENING_FACTOR_EXPONENT_AFTER_FAILURE, _MIN_SPRING_SOFTENING_FACTOR = 0.7, 2.0
-_MAX_FAILED_SOLVES_WITH_SPRINGS = 20
-# Largest number of iterations with springs, and without springs from the solution with springs
-_MAX_ITERATIONS_WITH_SPRINGS, _MAX_ITERATIONS_WITHOUT_SPRINGS = 25, 12
-# Round-off of the residuals, relative to the applied forces, above which residuals prove nothing
-_MAX_ROUND_OFF_PER_APPLIED_FORCE = 1e-3
-_LOOSE_BODY_MESSAGE = (
+LOOSE_BODY_MESSAGE = (
     "the loads are balanced without any contact force, and the body is loose: it is in equilibrium "
     "wherever nothing touches it; a support, or a load that presses it against a surface, makes "
     "its position unique"
@@ -103,11 +80,6 @@ _ENCLOSED_INCOMPRESSIBLE_BODY_MESSAGE = (
     "Supports and contact enclose an incompressible body: its volume cannot change and its "
     "pressure is not determined; leave a part of its surface free, or use nu below 1/2"
 )
-
-# Function that returns an increment with springs. Its arguments are the stiffness of the springs,
-# relative to the diagonal stiffness of the nodes, and the unknowns (n,) and translations
-# (pairs, dim) of the surfaces at which the springs are unstressed
-SpringIncrementMaker = Callable[[float, PETSc.Vec, Array], LinearIncrementEquations]
 
 
 @dataclass(frozen=True)
@@ -379,7 +351,7 @@ def raise_if_body_is_loose(
     """
     if not (motions := rigid.describe_unstopped_motion_of_loose_pieces(end.nodes, end.allowance)):
         return
-    failure = NotUnique(f"{_LOOSE_BODY_MESSAGE}. Nothing stops a {', '.join(motions)}")
+    failure = NotUnique(f"{LOOSE_BODY_MESSAGE}. Nothing stops a {', '.join(motions)}")
     failure.state = _make_state_of_unsolved_iterate(increment, end, start_state, measure_cost())
     raise failure
 
@@ -465,7 +437,7 @@ def rescue_increment(
         )
         advice = "Smaller increments, or pressing before pushing, may find one"
         if state is not None and isinstance(failure, LastContactLost):
-            advice = describe_exhausted_friction(state) or advice
+            advice = describe_exhausted_friction(state, start_state) or advice
         failure = SolutionNotFound(
             f"{failure}. This does not prove that there is no solution.{enclosed}{nearest} {advice}"
         )
@@ -568,132 +540,3 @@ def _describe_missing_force(centre: Array, missing: LoadMissingForEquilibrium) -
 def _format_vector(values: Array) -> str:
     components = ", ".join(f"{value:.4g}" for value in values)
     return f"({components})" if len(values) > 1 else components
-
-
-def solve_with_softening_springs(
-    increment: LinearIncrementEquations,
-    make_increment_with_springs: SpringIncrementMaker,
-    kinematics: SmallStrainKinematics,
-    *,
-    start: tuple[ActiveSet, LinearisedKinematics, PETSc.Vec],
-    make_update: Callable[[], ActiveSetUpdate],
-    max_iterations: int,
-    remaining_systems: Callable[[], float],
-) -> NewtonIterate | None:
-    """Solve an increment with springs at the contact nodes that are softened in stages.
-
-    Args:
-        increment: equations of the increment without springs.
-        make_increment_with_springs: function that returns the increment with springs of a given
-            stiffness.
-        kinematics: kinematics of the contact points.
-        start: active set, linearised kinematics and all unknowns (n,) of the initial iterate.
-        make_update: function that returns the rule for the next active set without springs.
-        max_iterations: largest number of linear systems solved in one iteration.
-        remaining_systems: function that returns the number of linear systems that may still be
-            solved.
-
-    Returns:
-        The solution without springs, or None if no solution is found.
-
-    Raises:
-        NotUnique: if the tangent is singular at a solution.
-    """
-
-    def limit_iterations(n: int) -> int:
-        return int(max(1, min(n, max_iterations, remaining_systems())))
-
-    (active, linearised, unknowns), comm = start, increment.interface.comm
-    q, stiffness, softening, n_failures = (
-        linearised.q0,
-        _FIRST_SPRING_TO_NODE_STIFFNESS_RATIO,
-        _SPRING_SOFTENING_FACTOR,
-        0,
-    )
-    previous: ActiveSet | None = None
-    words = f"by springs, at the cost of at most {remaining_systems():.0f} linear systems"
-    log_on_root(comm, logging.INFO, words, ".contact")
-    while (
-        stiffness > _MIN_SPRING_TO_NODE_STIFFNESS_RATIO
-        and n_failures < _MAX_FAILED_SOLVES_WITH_SPRINGS
-        and remaining_systems() > 0
-    ):
-        spring_increment = make_increment_with_springs(stiffness, unknowns, q)
-        update = ActiveSetUpdate(report_no_free_motions, increment.interface)
-        try:
-            spring_state = solve_increment(
-                spring_increment,
-                active,
-                linearised,
-                update,
-                max_iterations=limit_iterations(_MAX_ITERATIONS_WITH_SPRINGS),
-                after_iteration=_ignore_iteration,
-            )
-        except ContactFailed as failed:
-            log_on_root(
-                comm,
-                logging.INFO,
-                f"no solution with springs of {stiffness:.0e}: {failed}",
-                ".contact",
-            )
-            n_failures, softening = (
-                n_failures + 1,
-                max(
-                    _MIN_SPRING_SOFTENING_FACTOR,
-                    softening**_SOFTENING_FACTOR_EXPONENT_AFTER_FAILURE,
-                ),
-            )
-            stiffness *= _SPRING_STIFFENING_FACTOR
-            continue
-        unknowns, q = spring_state.unknowns, spring_state.q
-        linearised = kinematics.linearise(q, spring_state.displacement, spring_state.force)
-        state = increment.evaluate_all_conditions(spring_state.reduced_unknowns, q, linearised)
-        increment.keep_if_smallest_violation(state)
-        active = spring_state.nodes.active_set
-        is_steady = previous is not None and is_same_set(previous, active, comm)
-        if _is_round_off_too_large(increment, state):
-            words = f"springs of {stiffness:.0e} let the body move so far that forces are lost in"
-            log_on_root(comm, logging.INFO, f"{words} round-off", ".contact")
-            return None
-        if state.violation <= 1 or is_steady:
-            try:
-                solution = solve_increment(
-                    increment,
-                    active,
-                    linearised,
-                    make_update(),
-                    max_iterations=limit_iterations(_MAX_ITERATIONS_WITHOUT_SPRINGS),
-                    after_iteration=_ignore_iteration,
-                )
-                log_on_root(comm, logging.INFO, f"solved by springs of {stiffness:.0e}", ".contact")
-                return solution
-            except ContactFailed as failed:
-                words = f"no solution from springs of {stiffness:.0e}: {failed}"
-                log_on_root(comm, logging.INFO, words, ".contact")
-                if state.violation <= 1:
-                    if isinstance(failed.__cause__, SingularSystem):
-                        (force,) = increment.nonnegative_max_over_ranks(np.abs(state.force))
-                        is_loose = force <= state.round_off
-                        message = _LOOSE_BODY_MESSAGE if is_loose else f"at a solution, {failed}"
-                        raise NotUnique(message) from failed
-                    return state  # the iteration has left this solution because of round-off
-        previous, stiffness = active, stiffness / softening
-    return None
-
-
-def _is_round_off_too_large(increment: LinearIncrementEquations, state: NewtonIterate) -> bool:
-    """Return whether the round-off of an iterate is too large compared with the applied forces.
-
-    With soft springs, a body moves very far if the loads exceed the friction limit. All residuals
-    are then within their round-off, which says nothing about equilibrium. The call is collective.
-    """
-    start_force, free_motion_force = increment.nonnegative_max_over_ranks(
-        np.abs(increment.start.force), np.abs(increment.free_motion_forces)
-    )
-    load = increment.equilibrium.load.norm(PETSc.NormType.INFINITY)
-    applied_force = max(start_force, free_motion_force, load)
-    return applied_force > 0 and state.round_off > _MAX_ROUND_OFF_PER_APPLIED_FORCE * applied_force
-
-
-def _ignore_iteration(iteration: int, active: ActiveSet, violation: float) -> None:
-    """Do nothing after an iteration."""
