@@ -191,9 +191,12 @@ class TangentBulkShearMonitor:
         if np.isfinite(self._limit):
             try:
                 self._ratio = TangentBulkShearRatio(form, u)
-            except Exception as error:
-                words = f"bulk over shear stiffness of the tangent is not measured: {error}"
-                log_on_root(self._mesh.comm, logging.INFO, words, ".contact")
+            except ValueError as error:
+                words = (
+                    "bulk over shear stiffness of the tangent is not measured, and no warning of a "
+                    f"nearly incompressible body can be given: {error}"
+                )
+                log_on_root(self._mesh.comm, logging.WARNING, words, ".contact")
 
     def is_beyond_limit(self) -> bool:
         """Return whether the bulk stiffness of the tangent is too large at the current u.

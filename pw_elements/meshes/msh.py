@@ -64,7 +64,8 @@ def read_msh(path: Path) -> GmshMesh:
             )
         data += file.read()
     with warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)  # raised for words among numbers
+        # NumPy's warning of words among numbers; see `_parse_rows`
+        warnings.filterwarnings("error", "string or file could not be read", DeprecationWarning)
         return _MshReader(data).read()
 
 

@@ -4,7 +4,7 @@ UFL derives the coefficients of an integrand, FFCx compiles them, and `SubCellKe
 function that contracts them with the shape functions. The function is compiled with the compiler
 options of DOLFINx's forms and stored in their cache. What does not fit is left to FFCx: integrals
 over facets, curved cells, cells other than tetrahedra (where FFCx's functions are about as fast),
-and test functions that are not piecewise linear.
+and test functions that are not piecewise linear. Errors in the kernel itself are raised.
 """
 
 import hashlib
@@ -13,7 +13,8 @@ import importlib.util
 import logging
 import sysconfig
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -24,6 +25,8 @@ from mpi4py import MPI
 import cffi
 import dolfinx.jit
 import ffcx.codegeneration
+import ffcx.compiler
+import ffcx.options
 import numpy as np
 import numpy.typing as npt
 import ufl
@@ -32,9 +35,11 @@ from dolfinx.fem.forms import get_integration_domains
 from dolfinx.mesh import CellType
 from ufl.algorithms import extract_coefficients
 from ufl.algorithms.analysis import extract_constants
+from ufl.core.expr import Expr
 
 from pw_elements._compat import create_form_from_cell_kernels
-from pw_elements.arrays import LocalIndices
+from pw_elements.arrays import Array, LocalIndices
+from pw_elements.checks import find_compiler_problem
 from pw_elements.files import replace_file_atomically
 from pw_elements.progress import log_on_root, report_activity
 from pw_elements.spaces.assembly import add_sub_cell_quadrature_rules, compile_form
@@ -125,6 +130,8 @@ def _compile_integral(
 
     Raises:
         NotSeparableError: if FFCx has to compile the integrals.
+        cffi.VerificationError: if the C compiler refuses the source of the kernel. On several
+            processes, it is a RuntimeError.
     """
     first, mesh = parts[0], parts[0].ufl_domain().ufl_cargo()
     cells, metadata = _find_cells(first), first.metadata()
@@ -133,26 +140,22 @@ def _compile_integral(
     points, weights = (np.array(metadata[f"quadrature_{name}"]) for name in ("points", "weights"))
     arguments = sorted(ufl.algorithms.extract_arguments(first), key=lambda a: a.number())
     elements = [argument.ufl_function_space().ufl_element() for argument in arguments]
-    try:
-        terms = derive_bilinear_coefficients(sum(part.integrand() for part in parts))
-        kernel = SubCellKernel(elements, points, weights, terms)
-        expression = ufl.as_vector([terms[entry] for entry in kernel.entries])
+    terms = derive_bilinear_coefficients(sum(part.integrand() for part in parts))
+    kernel = SubCellKernel(elements, points, weights, terms)
+    expression = ufl.as_vector([terms[entry] for entry in kernel.entries])
+    with _leave_to_ffcx_what_cannot_be_compiled_here(mesh.comm, expression, points):
         compiled, expression_module, _ = dolfinx.jit.ffcx_jit(mesh.comm, (expression, points))
-        occurring = extract_coefficients(expression)
-        positions = compiled.original_coefficient_positions
-        functions = [occurring[positions[i]] for i in range(compiled.num_coefficients)]
-        source = kernel.generate_source(
-            _gather_values(
-                "w", functions, coefficients, lambda f: f.function_space.element.space_dimension
-            ),
-            _gather_values("c", extract_constants(expression), constants, lambda c: c.value.size),
-        )
+    occurring = extract_coefficients(expression)
+    positions = compiled.original_coefficient_positions
+    functions = [occurring[positions[i]] for i in range(compiled.num_coefficients)]
+    source = kernel.generate_source(
+        _gather_values(
+            "w", functions, coefficients, lambda f: f.function_space.element.space_dimension
+        ),
+        _gather_values("c", extract_constants(expression), constants, lambda c: c.value.size),
+    )
+    with _leave_to_ffcx_what_cannot_be_compiled_here(mesh.comm, expression, points):
         kernel_module = _load_kernel_module(mesh.comm, source, expression_module.__name__)
-    except Exception as error:
-        # FFCx may compile other forms than UFL can differentiate, or tells what is wrong
-        message = f"no tangent by sub-cells: {type(error).__name__}: {error}"
-        log_on_root(mesh.comm, logging.DEBUG, message, ".linear_solver")
-        raise NotSeparableError from error
     evaluate = cffi.FFI().cast("uintptr_t", compiled.tabulate_tensor_float64)
     kernel_module.lib.set_coefficient_function(int(evaluate))
     return _CellIntegral(
@@ -161,6 +164,56 @@ def _compile_integral(
         np.array([coefficients.index(function) for function in functions], dtype=np.int8),
         (expression_module, kernel_module),
     )
+
+
+@contextmanager
+def _leave_to_ffcx_what_cannot_be_compiled_here(
+    comm: MPI.Comm, expression: Expr, points: Array
+) -> Iterator[None]:
+    """Turn an error in a `with` block into NotSeparableError if the kernel is not its cause.
+
+    FFCx may have compiled the form before, so that it needs neither a compiler nor a cache in which
+    it may write. Where FFCx cannot generate the coefficients, it says what is wrong with the form.
+    Any other error, such as one of the C compiler, is raised. The call is collective, and so has to
+    be the error.
+
+    Args:
+        comm: communicator of the mesh.
+        expression: coefficients, a vector.
+        points: quadrature points (q, dim) in the reference cell.
+    """
+    log_handlers = logging.root.handlers.copy()
+    try:
+        yield
+    except Exception as error:
+        logging.root.handlers = log_handlers  # FFCx has replaced them if the C compiler failed
+        reason = comm.bcast(
+            _find_reason_for_failed_compilation(expression, points) if comm.rank == 0 else None
+        )
+        if reason is None:
+            raise
+        message = f"no tangent by sub-cells: {reason}"
+        log_on_root(comm, logging.DEBUG, message, ".linear_solver")
+        raise NotSeparableError from error
+
+
+def _find_reason_for_failed_compilation(expression: Expr, points: Array) -> str | None:
+    """Return why neither a kernel nor its coefficients can be compiled; None if they can be.
+
+    The function does not communicate.
+    """
+    if problem := find_compiler_problem():
+        return problem
+    try:
+        with tempfile.TemporaryDirectory(dir=dolfinx.jit.get_options()["cache_dir"]):
+            pass
+    except OSError as error:
+        return f"the cache of compiled forms is not writable: {error}"
+    try:
+        ffcx.compiler.compile_ufl_objects([(expression, points)], ffcx.options.get_options())
+    except Exception as error:  # FFCx has no errors of its own
+        return f"FFCx generates no coefficients: {error}"
+    return None
 
 
 def _find_cells(integral: ufl.Integral) -> LocalIndices:

@@ -2,6 +2,7 @@
 
 import logging
 import re
+import warnings
 
 from mpi4py import MPI
 
@@ -9,7 +10,7 @@ import gmsh
 import numpy as np
 import pytest
 
-from pw_elements.meshes import from_file, from_gmsh
+from pw_elements.meshes import from_file, from_gmsh, msh
 from tests.library.hostile_meshes import (
     describe_mesh_differences,
     make_hostile_files_with_error_patterns,
@@ -74,6 +75,21 @@ def test_a_file_of_each_format_is_read_as_it_is(tmp_path, cell, degree, file_for
     assert part.mesh.topology.cell_name() == cell
     assert part.names == {"cells": {"Körper": (3,)}, "facets": {"left side": (3,)}}
     assert len(part.cells("Körper")) == len(mesh_data.blocks[0].elements)
+
+
+def test_warnings_of_other_code_do_not_end_the_reading_of_a_file(tmp_path, monkeypatch):
+    read_text_rows = msh.TextRowReader.read_count
+
+    def warn_and_read(reader):
+        warnings.warn("NumPy changes something else", DeprecationWarning, stacklevel=1)
+        return read_text_rows(reader)
+
+    monkeypatch.setattr(msh.TextRowReader, "read_count", warn_and_read)
+    mesh_data = make_grouped_lattice_mesh("triangle", 1)
+    data = encode_msh(mesh_data, COMMON_MSH_FORMATS[0])
+    with pytest.warns(DeprecationWarning, match="something else"):
+        part = read_msh_bytes(tmp_path, data)
+    assert describe_mesh_differences(part, mesh_data) == ""
 
 
 def test_describe_mesh_differences_detects_changed_cells_tags_and_facets(tmp_path):

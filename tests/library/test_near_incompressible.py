@@ -16,6 +16,7 @@ from dolfinx import fem
 from dolfinx.mesh import CellType, create_box
 
 from pw_elements import Body, Material, Spaces
+from pw_elements.elasticity import TangentBulkShearMonitor, incompressibility
 from pw_elements.elasticity.incompressibility import (
     MAX_BULK_OVER_SHEAR_CURVED_CELLS,
     MAX_BULK_OVER_SHEAR_STRAIGHT_CELLS,
@@ -210,3 +211,28 @@ def test_pressure_adds_nothing_to_the_shear_stiffness():
         expected = bulk_over_shear_by_differences(scale * np.eye(2), 1.0, lame)
         ratios = TangentBulkShearRatio(residual, u).compute_in_cells()
         assert ratios == pytest.approx(expected, rel=1e-5)
+
+
+def test_a_tangent_whose_ratio_cannot_be_measured_is_reported_and_faults_are_raised(
+    caplog, monkeypatch
+):
+    """A form that cannot be compiled costs a warning; other errors are faults of the library."""
+    mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], [1, 1, 1], CellType.tetrahedron)
+    u, residual = make_finite_strain_unknown_and_residual(
+        Spaces.petrov_galerkin(mesh), lambda F: neo_hookean_piola_stress(F, 1.0, 1.0)
+    )
+
+    def fail_with(error):
+        def fail(*_):
+            raise error
+
+        monkeypatch.setattr(incompressibility, "TangentBulkShearRatio", fail)
+
+    fail_with(ValueError("the form cannot be compiled"))
+    with caplog.at_level(logging.WARNING, "pw_elements"):
+        monitor = TangentBulkShearMonitor(residual, u)
+    assert "is not measured" in caplog.text
+    assert not monitor.is_beyond_limit()
+    fail_with(TypeError("a fault of the library"))
+    with pytest.raises(TypeError, match="a fault of the library"):
+        TangentBulkShearMonitor(residual, u)

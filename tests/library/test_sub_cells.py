@@ -1,9 +1,12 @@
 """Tangents computed sub-cell by sub-cell equal those of FFCx, and fall back to FFCx otherwise."""
 
+import logging
+
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import basix.ufl
+import cffi
 import dolfinx.jit
 import numpy as np
 import pytest
@@ -28,6 +31,7 @@ from pw_elements.spaces.bilinear_coefficients import (
     derive_bilinear_coefficients,
 )
 from pw_elements.spaces.elements import tetrahedron_twelve_cell_quadrature
+from pw_elements.spaces.sub_cell_kernel import SubCellKernel
 from tests.contact.cases import neo_hookean_piola_stress
 from tests.parallel import assert_same_on_processes
 
@@ -324,15 +328,63 @@ def test_interrupted_compilation_leaves_the_cache_usable(tmp_path, monkeypatch):
     assert len(list(tmp_path.glob("libpw_sub_cells*"))) == 1
 
 
-def test_ffcx_compiles_tangents_if_the_kernel_cannot_be_stored(tmp_path, monkeypatch):
-    monkeypatch.setitem(dolfinx.jit.DOLFINX_DEFAULT_JIT_OPTIONS, "cache_dir", (tmp_path, ""))
+def make_tangent_in_empty_cache(folder, monkeypatch):
+    """Return a tangent that FFCx has compiled into an empty cache in a folder."""
+    monkeypatch.setitem(dolfinx.jit.DOLFINX_DEFAULT_JIT_OPTIONS, "cache_dir", (folder, ""))
+    tangent = derive_tangent(*make_scalar_residual(make_distorted_mesh()))
+    compile_form(tangent, 2, "a tangent")
+    return tangent
 
-    def refuse(*_):
+
+def test_ffcx_compiles_tangents_if_the_kernel_cannot_be_stored(tmp_path, monkeypatch):
+    tangent = make_tangent_in_empty_cache(tmp_path, monkeypatch)
+
+    def refuse(*_, **__):
         raise PermissionError
 
-    monkeypatch.setattr(sub_cells, "replace_file_atomically", refuse)
-    tangent = derive_tangent(*make_scalar_residual(make_distorted_mesh()))
+    monkeypatch.setattr(sub_cells.tempfile, "TemporaryDirectory", refuse)
     assert count_forms_by_compiler(compile_tangent(tangent)) == (0, 1)
+
+
+def test_tangents_that_ffcx_has_compiled_need_no_compiler(tmp_path, monkeypatch):
+    tangent = make_tangent_in_empty_cache(tmp_path, monkeypatch)
+    monkeypatch.setenv("CC", str(tmp_path / "no-compiler"))
+    log_handlers = logging.root.handlers.copy()
+    assert count_forms_by_compiler(compile_tangent(tangent)) == (0, 1)
+    assert logging.root.handlers == log_handlers
+
+
+def test_functions_at_other_quadrature_points_are_refused_by_ffcx():
+    mesh = make_distorted_mesh()
+    u, v = make_unknown_and_weights(mesh)
+    element = basix.ufl.quadrature_element("tetrahedron", (), degree=2)
+    stiffness = fem.Function(fem.functionspace(mesh, element))
+    tangent = derive_tangent(u, stiffness * ufl.inner(ufl.grad(u), ufl.grad(v)) * DX_2)
+    with pytest.raises(ValueError, match="the form cannot be compiled"):
+        compile_tangent(tangent)
+
+
+def test_errors_of_the_c_compiler_in_the_kernel_are_raised(tmp_path, monkeypatch):
+    """A kernel that the C compiler refuses is a fault of the library, and is not hidden."""
+    tangent = make_tangent_in_empty_cache(tmp_path, monkeypatch)
+    generate_source = SubCellKernel.generate_source
+
+    def generate_wrong_source(kernel, *statements):
+        return generate_source(kernel, *statements) + "\nno declaration"
+
+    monkeypatch.setattr(SubCellKernel, "generate_source", generate_wrong_source)
+    with pytest.raises(cffi.VerificationError, match="CompileError"):
+        compile_tangent(tangent)
+
+
+@pytest.mark.parametrize("fault", [KeyError, ValueError, RuntimeError])
+def test_errors_in_the_generation_of_the_kernel_are_raised(fault, monkeypatch):
+    def fail(*_):
+        raise fault("a fault of the library")
+
+    monkeypatch.setattr(SubCellKernel, "generate_source", fail)
+    with pytest.raises(fault, match="a fault of the library"):
+        compile_tangent(derive_tangent(*make_scalar_residual(make_distorted_mesh())))
 
 
 def test_problems_use_the_kernel():

@@ -301,7 +301,7 @@ def _find_normals_turned_by_free_translation(
                 change = np.abs(interface.evaluate_undeformed_normals(translations) - normals).max(
                     axis=1
                 )
-            except Exception:  # the user's surface may have no normals so far away
+            except ValueError:  # the user's surface may have no normals so far away
                 change = np.where(is_free[interface.pair, axis], np.inf, 0.0)
             is_turning |= ~(change <= _NEGLIGIBLE_NORMAL_CHANGE)
     return is_turning
