@@ -9,6 +9,8 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int64]
+# Components of a vector that a user gives
+RealVector: TypeAlias = Sequence[float] | npt.NDArray[np.floating | np.integer]
 # Local numbers of nodes, facets or cells, with the integer type that DOLFINx uses for them
 LocalIndices = npt.NDArray[np.int32]
 

@@ -12,7 +12,6 @@ The units are the user's choice but have to be consistent, for example N, m, Pa 
 """
 
 import logging
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Literal, TypeAlias
@@ -28,7 +27,7 @@ from ufl.core.expr import Expr
 from ufl.domain import extract_unique_domain
 
 from pw_elements.algebra import check_problem
-from pw_elements.arrays import Array
+from pw_elements.arrays import RealVector
 from pw_elements.checks import (
     arguments,
     check_mesh,
@@ -52,7 +51,7 @@ from pw_elements.spaces import (
     read_record,
 )
 
-VectorCoefficient: TypeAlias = Sequence[float] | Array | Expr
+VectorCoefficient: TypeAlias = RealVector | Expr
 
 # Quadrature degree for integrands that are not polynomials (hoop strain, curved cells, a varying
 # modulus). The error of natural frequencies due to this quadrature is less than 1e-4 of the
@@ -121,20 +120,35 @@ class Body:
     spaces: Spaces
     material: Material
     state: StressState
-    thickness: ScalarCoefficient = 1.0
-    quadrature_degree: int | None = None
+    thickness: ScalarCoefficient
+    quadrature_degree: int | None
 
+    # written by hand, because the argument `state` has more types than the attribute
     @check_same_arguments_on_all_processes
-    def __post_init__(self) -> None:
+    def __init__(
+        self,
+        spaces: Spaces,
+        material: Material,
+        state: StressState | str,
+        thickness: ScalarCoefficient = 1.0,
+        quadrature_degree: int | None = None,
+    ) -> None:
+        for name, value in (
+            ("spaces", spaces),
+            ("material", material),
+            ("thickness", thickness),
+            ("quadrature_degree", quadrature_degree),
+        ):
+            _set_frozen_attribute(self, name, value)
         arguments.check_type(
             "spaces", self.spaces, Spaces, "Spaces.petrov_galerkin(mesh) makes some"
         )
         arguments.check_type("material", self.material, Material, "Material(E, nu) makes one")
         try:
-            _set_frozen_attribute(self, "state", StressState(self.state))
+            _set_frozen_attribute(self, "state", StressState(state))
         except ValueError:
-            names = ", ".join(repr(state.value) for state in StressState)
-            raise ValueError(f"state {self.state!r}: the states are {names}") from None
+            names = ", ".join(repr(known_state.value) for known_state in StressState)
+            raise ValueError(f"state {state!r}: the states are {names}") from None
         mesh = self.spaces.mesh
         dimension = mesh.geometry.dim
         if (self.state is StressState.SOLID) != (dimension == 3) or dimension == 1:
@@ -223,7 +237,7 @@ class Body:
             spaces = Spaces.hybrid(mesh, parts)
             words = f"hybrid: nu = {max_nu:g}, displacements alone would lock"
             log_on_root(mesh.comm, logging.INFO, words)
-        return cls(spaces, material, state)  # type: ignore[arg-type]
+        return cls(spaces, material, state)
 
     def _singular_stiffness_warning(self, nu: float) -> str:
         """Return a warning if the stiffness may be singular for this Poisson's ratio, else ""."""

@@ -1,6 +1,5 @@
 """Surface measures, prescribed displacements and nodal loads on parts of the boundary."""
 
-from collections.abc import Sequence
 from typing import Literal
 
 from mpi4py import MPI
@@ -11,6 +10,7 @@ import ufl
 from dolfinx import default_scalar_type, fem
 from dolfinx.mesh import Mesh, meshtags
 
+from pw_elements.arrays import RealVector
 from pw_elements.checks import arguments, check_same_arguments_on_all_processes
 from pw_elements.spaces import (
     EntitySelection,
@@ -109,7 +109,7 @@ def prescribe(
 
 
 @check_same_arguments_on_all_processes
-def nodal_load(space: fem.FunctionSpace, where: Marker, force: Sequence[float]) -> PETSc.Vec:
+def nodal_load(space: fem.FunctionSpace, where: Marker, force: RealVector) -> PETSc.Vec:
     """Create the load vector (n,) of a concentrated force at each node that a marker selects.
 
     The vector is valid for any test space whose weight functions are 1 at their nodes.

@@ -1,5 +1,8 @@
 """Accepted forms of input: facets, masks, numbers of any type, one object instead of a list."""
 
+from types import UnionType
+from typing import Union, get_args, get_origin, get_type_hints
+
 from mpi4py import MPI
 
 import numpy as np
@@ -20,8 +23,18 @@ from pw_elements import (
     solve,
 )
 from pw_elements.checks import call_user_function, raise_errors_on_all_processes
-from pw_elements.contact import ContactPair, ContactProblem, Motion, Plane, Sphere, solve_contact
-from pw_elements.elasticity import StressState
+from pw_elements.contact import (
+    ContactPair,
+    ContactProblem,
+    FlatPunch,
+    Motion,
+    Parabola,
+    Plane,
+    Sphere,
+    solve_contact,
+    write,
+)
+from pw_elements.elasticity import StressState, nodal_load
 from pw_elements.meshes import curved_mesh, move_nodes, triangles
 from pw_elements.spaces import evaluate_marker
 from tests.contact.cases import BlockOnFloor, on_plane
@@ -269,3 +282,35 @@ def test_numbers_in_range_keep_their_digits(unit):
     u, small_u = solve_residual_problem(load=1.0), solve_residual_problem(load=small_load)
     assert small_u.x.array / small_load == pytest.approx(u.x.array, rel=1e-9, abs=1e-15)
     assert solve_residual_problem(depth=0.01, contact=True).pairs[0].force[1] < 0
+
+
+def accepted_types(function, name):
+    """Return the set of types that the annotation of an argument admits, without parameters."""
+    hint = get_type_hints(function)[name]
+    members = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
+    return {get_origin(member) or member for member in members}
+
+
+def test_annotations_admit_what_is_accepted():
+    """A type checker accepts strings as states of stress, and arrays as vectors, as the checks do.
+
+    An attribute that is always converted has the converted type.
+    """
+    for function in (Body.__init__, Body.from_mesh):
+        assert accepted_types(function, "state") == {str, StressState}
+    assert get_type_hints(Body)["state"] is StressState
+    vectors = [
+        (Motion, "translation"),
+        (Motion, "force"),
+        (ContactPair, "pivot"),
+        (ContactPair, "axis"),
+        (Plane, "point"),
+        (Plane, "direction"),
+        (Sphere, "centre"),
+        (Parabola, "apex"),
+        (FlatPunch, "direction"),
+        (write, "times"),
+        (nodal_load, "force"),
+    ]
+    for accepting, name in vectors:
+        assert np.ndarray in accepted_types(accepting, name), name

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from dolfinx.mesh import MeshTags
 
-from pw_elements.arrays import Array
+from pw_elements.arrays import Array, RealVector
 from pw_elements.checks import arguments, defer_errors_if_parallel
 from pw_elements.contact.model.friction import Coulomb, Friction
 from pw_elements.contact.model.surfaces import Surface, unit_vector
@@ -45,8 +45,8 @@ class Motion:
             different sizes, and for a force or torque on a prescribed component.
     """
 
-    translation: Sequence[float | None]
-    force: Sequence[float] | None = None
+    translation: Sequence[float | None] | RealVector
+    force: RealVector | None = None
     rotation: float | None = 0.0
     torque: float = 0.0
 
@@ -114,7 +114,7 @@ class MatchingNodes:
 
     nodes: EntitySelection
     shape: Surface
-    offset: Sequence[float] | None = None
+    offset: RealVector | None = None
 
     @defer_errors_if_parallel
     def __post_init__(self) -> None:
@@ -214,8 +214,8 @@ class ContactPair:
     friction: float | Callable[[Array], Array] | Friction = 0.0
     motions: Motion | Sequence[Motion] = ()
     interference: bool | float | Callable[[Array], Array] = False
-    pivot: Sequence[float] | None = None
-    axis: Sequence[float] | None = None
+    pivot: RealVector | None = None
+    axis: RealVector | None = None
 
     @defer_errors_if_parallel
     def __post_init__(self) -> None:

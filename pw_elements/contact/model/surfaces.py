@@ -6,13 +6,13 @@ coordinates are (r, z). The normal points from the rigid surface into the body, 
 measured along the normal. It is negative inside the rigid surface.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from pw_elements.arrays import Array, Mask
+from pw_elements.arrays import Array, Mask, RealVector
 from pw_elements.checks import arguments, defer_errors_if_parallel
 
 PointArray = Array
@@ -41,7 +41,7 @@ _MIN_CENTRE_DISTANCE_PER_RADIUS = 1e-12
 MAX_RELATIVE_GRADIENT_CHANGE_AT_HALF_STEP = 1e-5
 
 
-def unit_vector(direction: Sequence[float]) -> Array:
+def unit_vector(direction: RealVector) -> Array:
     """Return the unit vector (dim,) along a direction.
 
     Raises:
@@ -54,7 +54,7 @@ def unit_vector(direction: Sequence[float]) -> Array:
     return vector / length
 
 
-def check_direction(direction: Sequence[float]) -> None:
+def check_direction(direction: RealVector) -> None:
     """Raise ValueError unless a direction is a vector of finite numbers that are not all zero."""
     arguments.check_vector("direction", direction)
     unit_vector(direction)
@@ -116,8 +116,8 @@ class Plane:
         ValueError: for a direction that is zero.
     """
 
-    point: Sequence[float]
-    direction: Sequence[float]
+    point: RealVector
+    direction: RealVector
 
     @defer_errors_if_parallel
     def __post_init__(self) -> None:
@@ -163,7 +163,7 @@ class Parabola:
         ValueError: for a radius of zero.
     """
 
-    apex: Sequence[float]
+    apex: RealVector
     radius: float
 
     @defer_errors_if_parallel
@@ -199,7 +199,7 @@ class Sphere:
         ValueError: for a radius that is not positive.
     """
 
-    centre: Sequence[float]
+    centre: RealVector
     radius: float
 
     @defer_errors_if_parallel
@@ -252,8 +252,8 @@ class FlatPunch:
         ValueError: for a direction that is zero, or a half width that is not positive.
     """
 
-    centre: Sequence[float]
-    direction: Sequence[float]
+    centre: RealVector
+    direction: RealVector
     half_width: float
 
     @defer_errors_if_parallel

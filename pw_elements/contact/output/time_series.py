@@ -20,6 +20,7 @@ from mpi4py import MPI
 import numpy as np
 from dolfinx import fem, io
 
+from pw_elements.arrays import RealVector
 from pw_elements.checks import (
     arguments,
     check_same_arguments_on_all_processes,
@@ -53,7 +54,7 @@ def write(
     path: str | Path,
     states: ContactState | Sequence[ContactState],
     body: Body | fem.FunctionSpace,
-    times: Sequence[float] | None = None,
+    times: RealVector | None = None,
 ) -> None:
     """Write all fields of states as a time series for ParaView, completely or not at all.
 
@@ -181,7 +182,7 @@ def _raise_or_abort_on_all_processes(comm: MPI.Comm) -> Iterator[None]:
 
 
 def _check_series_is_writable(
-    path: Path, states: Sequence[ContactState], times: Sequence[float], space: fem.FunctionSpace
+    path: Path, states: Sequence[ContactState], times: RealVector, space: fem.FunctionSpace
 ) -> None:
     """Raise an error unless the states can be written to the path with these times and space."""
     if not hasattr(io, "VTXWriter"):

@@ -18,7 +18,7 @@ import ufl
 from dolfinx import fem
 
 from pw_elements.algebra import Reduction, check_load, check_problem, is_finite
-from pw_elements.arrays import Array
+from pw_elements.arrays import Array, RealVector
 from pw_elements.checks import arguments, raise_errors_on_all_processes
 from pw_elements.contact.interface import check_piecewise_linear_weight_functions
 from pw_elements.contact.model import (
@@ -52,7 +52,7 @@ from pw_elements.spaces import is_hybrid
 # cost of the first attempt
 RemedyNamesOrCostRatios: TypeAlias = Collection[RemedyName] | Mapping[RemedyName, float]
 # Function that returns the translation (dim,) of a surface at a given time
-SurfacePathInTime: TypeAlias = Callable[[float], Sequence[float]]
+SurfacePathInTime: TypeAlias = Callable[[float], RealVector]
 # Friction of a contact pair: a coefficient, a function of positions, or a law
 FrictionOfPair: TypeAlias = float | Callable[[Array], Array] | Friction
 
