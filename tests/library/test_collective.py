@@ -533,7 +533,7 @@ def test_an_error_and_a_different_argument_on_one_process_end_all_with_the_same_
 def test_each_public_function_compares_its_arguments_or_is_listed_as_local():
     """Each public function compares its arguments between processes or is documented as local.
 
-    Dataclasses compare their fields in `__post_init__`.
+    Dataclasses compare their fields in `__post_init__`, or the arguments of `__init__`.
     """
     text = (ROOT / "docs/how-to/parallel.md").read_text()
     local_names = set(

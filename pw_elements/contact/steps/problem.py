@@ -288,9 +288,11 @@ class ContactProblem:
 
         Raises:
             ValueError: for a load that is not finite, a number of motions other than the number of
-                pairs, motions of the wrong dimension, a state with other contact nodes, arguments
-                that differ between processes, a surface without valid gaps or normals, or a
-                prescribed normal displacement of a node in contact.
+                pairs, motions of the wrong dimension, a motion that is free radially in
+                axisymmetry, a state with other contact nodes, arguments that differ between
+                processes, a surface without valid gaps or normals, or a prescribed normal
+                displacement of a node in contact. A problem with a residual is known to be
+                axisymmetric if the residual contains forms of a `Body`, or u_r / r.
             FreeBody: if a rigid motion would be free even if every contact node were sticking.
             NoEquilibrium: if it is proved that no contact forces balance the loads. This error is a
                 `FreeBody`.
