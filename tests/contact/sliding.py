@@ -8,7 +8,7 @@ from dolfinx.mesh import CellType, create_rectangle
 
 from pw_elements import Body, Material, Spaces
 from pw_elements.contact import ContactPair, ContactProblem, DeformableSurface
-from pw_elements.contact.interface import measure_gap_and_slip
+from pw_elements.contact.mortars import measure_gap_and_slip
 from tests.contact.cases import (
     list_states_and_substates,
     make_finite_strain_unknown_and_residual,
@@ -147,7 +147,7 @@ def compare_mortar_with_verification(mortar, start_positions, end_positions):
     slips are divided by the length of the slave's longest facet.
     """
     projected, projected_start = mortar.linearise(end_positions), mortar.linearise(start_positions)
-    slip, _ = projected.measure_slip_and_gap_slip_angle_derivatives(
+    slip, _ = projected.measure_slip_and_motion_derivatives(
         mortar.make_slip_reference(start_positions), end_positions
     )
     facing_parts = [
@@ -157,7 +157,8 @@ def compare_mortar_with_verification(mortar, start_positions, end_positions):
     assert np.array_equal(facing_parts[0].faces_master, projected_start.faces_master)
     assert np.array_equal(np.isfinite(gap), projected.faces_master)
     length = np.linalg.norm(np.diff(end_positions[mortar.sides.slave_facets], axis=1), axis=2).max()
-    slip = np.where(projected.faces_master, slip, 0.0)[:, None] * projected.tangents
+    slip = np.einsum("mt,mtx->mx", slip, projected.directions.tangents)
+    slip[~projected.faces_master] = 0.0
     return {
         "gap": np.abs(gap - projected.gaps)[projected.faces_master].max(initial=0.0) / length,
         "slip": np.abs(slip_vector - slip).max() / length,

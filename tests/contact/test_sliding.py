@@ -20,7 +20,7 @@ from pw_elements.contact import (
     SolutionNotFound,
     SurfacePassed,
 )
-from pw_elements.contact.interface import BoundaryFacets, SlidingMortar
+from pw_elements.contact.mortars import BoundaryFacets, PlaneSlidingMortar, SlidingMortar
 from pw_elements.contact.rescue.smallness import warn_if_slip_and_path_slip_differ
 from pw_elements.contact.steps import finite
 from tests.contact.cases import on_plane, rotation_matrix
@@ -52,7 +52,7 @@ def make_mortar_and_disturbed_positions(revolved):
     """Return a mortar of two curved sides, and randomly disturbed positions (n, 2) of its nodes."""
     slave_side = make_boundary_facets_of_curve(5, lambda s: 0.1 * s**2 + 0.01, 0, -1.0)
     master_side = make_boundary_facets_of_curve(4, lambda s: 0.08 * np.sin(3 * s), 100, 1.0)
-    mortar, rng = SlidingMortar(slave_side, master_side, revolved), np.random.default_rng(3)
+    mortar, rng = PlaneSlidingMortar(slave_side, master_side, revolved), np.random.default_rng(3)
     shift = np.where(np.arange(len(mortar.x)) < mortar.n_slave_nodes, 0.0, 0.33)[:, None] * [1, 0]
     return mortar, mortar.x + shift + [2.0, 0.0] + rng.normal(size=mortar.x.shape) * 0.004
 
@@ -73,19 +73,19 @@ def test_mortar_derivatives_agree_with_central_differences(revolved):
     def evaluate_mortar_quantities(x):
         projected = mortar.linearise(x)
         angles = np.arctan2(projected.normals[:, 1], projected.normals[:, 0])
-        slip, _ = projected.measure_slip_and_gap_slip_angle_derivatives(reference, x)
+        slip, _ = projected.measure_slip_and_motion_derivatives(reference, x)
         return [
             (projected.master_fractions.T @ force).ravel(),
             projected.mean_distance.ravel(),
             projected.gaps,
-            slip,
+            slip[:, 0],
             angles,
         ]
 
     derivatives = [
         projected.differentiate_master_forces(force),
         projected.distance_rate,
-        *projected.measure_slip_and_gap_slip_angle_derivatives(reference, x)[1],
+        *projected.measure_slip_and_motion_derivatives(reference, x)[1],
     ]
     for k in range(x.size):
         step = h * np.eye(x.size)[k].reshape(x.shape)
@@ -140,8 +140,7 @@ def test_a_rigid_motion_of_both_bodies_is_no_slip(degrees):
     )
     for reference in (start, unfaced_start):
         assert (
-            np.abs(projected.measure_slip_and_gap_slip_angle_derivatives(reference, end)[0]).max()
-            < 1e-13
+            np.abs(projected.measure_slip_and_motion_derivatives(reference, end)[0]).max() < 1e-13
         )
 
 
@@ -152,7 +151,7 @@ def test_linear_fields_are_transferred_exactly():
     """
     slave_side = make_boundary_facets_of_curve(5, lambda s: 0.02 + 0.0 * s, 0, -1.0)
     master_side = make_boundary_facets_of_curve(3, lambda s: 0.0 * s, 100, 1.0)
-    mortar = SlidingMortar(slave_side, master_side, False)
+    mortar = PlaneSlidingMortar(slave_side, master_side, False)
     shift = np.where(np.arange(len(mortar.x)) < mortar.n_slave_nodes, 0.0, 0.31)
     x = mortar.x + shift[:, None] * [1, 0]
     projected = mortar.linearise(x)
@@ -291,7 +290,7 @@ def test_nothing_is_faced_beyond_the_point_where_normals_meet():
     """
     slave_side = make_boundary_facets_of_curve(5, lambda s: 0.6 * s**2 + 0.01, 0, -1.0)
     master_side = make_boundary_facets_of_curve(4, lambda s: 0.0 * s, 100, 1.0)
-    mortar = SlidingMortar(slave_side, master_side, False)
+    mortar = PlaneSlidingMortar(slave_side, master_side, False)
     for shift in np.stack(np.meshgrid([-5.0, -3.2, 3.2, 5.0], [-0.3, -0.1, 0.2]), -1).reshape(
         -1, 2
     ):
@@ -361,7 +360,7 @@ def test_slip_from_the_closest_point_is_refused_and_would_be_logged(caplog, monk
 
     def make_reference_by_closest_points(mortar, x):
         reference = make_reference(mortar, x)
-        ends, parts = mortar._find_closest_master_facets_and_weights(x)
+        ends, parts = mortar._find_closest_master_points(x)
         rows = reference.distance_rows.tolil()
         for j in np.flatnonzero(~reference.is_facing_master):
             rows[j, j], rows[j, ends[j]] = 1.0, -parts[j]
@@ -418,7 +417,7 @@ def test_the_depth_of_penetration_is_measured_between_the_ends_of_a_side():
     """
     slave_side = make_boundary_facets_of_curve(5, lambda s: 0.02 + 0.0 * s, 0, -1.0)
     master_side = make_boundary_facets_of_curve(3, lambda s: 0.0 * s, 100, 1.0)
-    mortar = SlidingMortar(slave_side, master_side, False)
+    mortar = PlaneSlidingMortar(slave_side, master_side, False)
     is_slave = (np.arange(len(mortar.x)) < mortar.n_slave_nodes)[:, None]
     lowered_x, shifted_x = mortar.x - is_slave * [0.0, 0.52], mortar.x + is_slave * [2.5, 0.0]
     depth = mortar.measure_max_penetration_along_path(mortar.x, lowered_x)

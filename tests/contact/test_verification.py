@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from pw_elements.contact import ContactFailed, ContactPair, Motion, Plane, SolutionNotFound
-from pw_elements.contact.interface.sliding import LinearisedMortar, SlidingMortar
 from pw_elements.contact.iteration import IncrementEquations
+from pw_elements.contact.mortars.sliding import LinearisedMortar, SlidingMortar
 from pw_elements.contact.nodes import LargeStrainKinematics, SmallStrainKinematics
 from pw_elements.contact.steps.verification import (
     VerificationScales,
@@ -117,7 +117,10 @@ def test_wrong_kinematics_of_small_displacements_lead_to_no_state(wrong, monkeyp
 
 CORRUPTIONS_OF_LINEARISED_MORTAR = {
     "gap": lambda met: replace(met, mean_distance=met.mean_distance + 1e-4 * met.normals),
-    "normal": lambda met: replace(met, normals=met.normals @ rotation_matrix(1e-3).T),
+    "normal": lambda met: replace(
+        met,
+        directions=replace(met.directions, normals=met.normals @ rotation_matrix(1e-3).T),
+    ),
     "fractions": lambda met: replace(
         met,
         master_fractions=1.001 * met.master_fractions,
@@ -136,16 +139,16 @@ def test_wrong_mortar_integrals_lead_to_no_state(wrong, monkeypatch):
     bodies = make_die_on_block(friction=0.3)
     meet, motions = (
         SlidingMortar.linearise,
-        LinearisedMortar.measure_slip_and_gap_slip_angle_derivatives,
+        LinearisedMortar.measure_slip_and_motion_derivatives,
     )
     if wrong == "slip":
 
         def measure_slip_with_error(projected, *arguments):
             slip, derivatives = motions(projected, *arguments)
-            return slip + 1e-4 * projected.faces_master, derivatives
+            return slip + 1e-4 * projected.faces_master[:, None], derivatives
 
         monkeypatch.setattr(
-            LinearisedMortar, "measure_slip_and_gap_slip_angle_derivatives", measure_slip_with_error
+            LinearisedMortar, "measure_slip_and_motion_derivatives", measure_slip_with_error
         )
     else:
         monkeypatch.setattr(

@@ -37,6 +37,7 @@ PACKAGES_FROM_LOWEST_TO_HIGHEST = [
     "meshes",
     "pictures",
     "contact.model",
+    "contact.mortars",
     "contact.interface",
     "contact.nodes",
     "contact.system",

@@ -4,24 +4,12 @@ from pw_elements.contact.interface.build import (
     build_interface,
     build_interface_with_other_friction,
 )
-from pw_elements.contact.interface.facing import (
-    MortarMatrices,
-    measure_gap_and_slip,
-)
-from pw_elements.contact.interface.mortar import (
-    BoundaryFacets,
-    OverlapQuadrature,
-    compute_facet_nodes_positions_and_facet_normals,
-    compute_tributary_areas,
-    gather_boundary_facets,
-)
 from pw_elements.contact.interface.operators import (
     MIN_COSINE_OF_OUTWARD_PUSHING_SURFACE_NORMAL,
     RELATIVE_COORDINATE_ROUND_OFF,
     ContactInterface,
     InvalidContactNodes,
 )
-from pw_elements.contact.interface.overlap import compute_cell_lengths_or_areas
 from pw_elements.contact.interface.pair_points import (
     FACED_INDEX_OF_DEFORMABLE_SURFACE,
     FACED_INDEX_OF_RIGID_SURFACE,
@@ -29,15 +17,11 @@ from pw_elements.contact.interface.pair_points import (
     check_piecewise_linear_weight_functions,
     compute_bounding_box_extents,
     find_reduced_column_of_each_unknown,
+    make_sliding_mortar,
 )
 from pw_elements.contact.interface.probes import (
     check_user_surface_derivatives,
     sample_friction_coefficients,
     sample_interference,
     sample_surface_around_pair,
-)
-from pw_elements.contact.interface.sliding import (
-    N_SLIP_PATH_PIECES,
-    MortarSlipReference,
-    SlidingMortar,
 )

@@ -34,7 +34,6 @@ from pw_elements.contact.interface.pair_points import (
     match_opposite_nodes,
 )
 from pw_elements.contact.interface.probes import check_pairs_are_equal_on_all_processes
-from pw_elements.contact.interface.sliding import SlidingMortar
 from pw_elements.contact.model import (
     MAX_RELATIVE_GRADIENT_CHANGE_AT_HALF_STEP,
     ContactPair,
@@ -46,6 +45,7 @@ from pw_elements.contact.model import (
     measure_gradient_change_at_half_step,
     with_default_difference_step,
 )
+from pw_elements.contact.mortars import SlidingMortar
 from pw_elements.elasticity import (
     StressState,
     exterior_facets_with_all_nodes,

@@ -42,7 +42,6 @@ from pw_elements.contact.interface.pair_points import (
     compute_bounding_box_extents,
     gather_points_and_local_slice,
 )
-from pw_elements.contact.interface.sliding import SlidingMortar
 from pw_elements.contact.model import (
     CLOSED_FORM_SURFACE_TYPES,
     SURFACE_TYPES_WITH_NORMAL_EVERYWHERE,
@@ -51,6 +50,7 @@ from pw_elements.contact.model import (
     SolutionNotFound,
     Surface,
 )
+from pw_elements.contact.mortars import SlidingMortar
 from pw_elements.elasticity import order_by_position
 from pw_elements.spaces import SubSpace, gather_nodal_values
 

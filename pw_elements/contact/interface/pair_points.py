@@ -22,17 +22,19 @@ from pw_elements._compat import cell_geometry_nodes
 from pw_elements.algebra import Reduction
 from pw_elements.arrays import Array, Indices, LocalIndices, Mask
 from pw_elements.checks import format_points
-from pw_elements.contact.interface.mortar import (
-    BoundaryFacets,
-    OverlapQuadrature,
-    gather_boundary_facets,
-)
-from pw_elements.contact.interface.sliding import SlidingMortar
 from pw_elements.contact.model import (
     ContactPair,
     DeformableSurface,
     FrictionCone,
     MatchingNodes,
+)
+from pw_elements.contact.mortars import (
+    BoundaryFacets,
+    OverlapQuadrature,
+    PlaneSlidingMortar,
+    SlidingMortar,
+    SpaceSlidingMortar,
+    gather_boundary_facets,
 )
 from pw_elements.elasticity import (
     StressState,
@@ -405,6 +407,21 @@ def _slave_node_numbers_and_facets_of_both_sides(
     return owned, slave_trace, master_trace
 
 
+def make_sliding_mortar(
+    slave: BoundaryFacets, master: BoundaryFacets, revolved: bool
+) -> SlidingMortar:
+    """Return the mortar of two sides at large sliding, in the plane or in space.
+
+    Args:
+        slave: boundary facets of the undeformed slave.
+        master: boundary facets of the undeformed master.
+        revolved: whether areas are those of the whole circumference (axisymmetric bodies).
+    """
+    if slave.space_dim == 2:
+        return PlaneSlidingMortar(slave, master, revolved)
+    return SpaceSlidingMortar(slave, master)
+
+
 def make_large_sliding_mortar_points(
     pair_index: int,
     pair: ContactPair,
@@ -426,7 +443,7 @@ def make_large_sliding_mortar_points(
     owned, slave, master = _slave_node_numbers_and_facets_of_both_sides(
         pair_index, pair, nodes, body
     )
-    mortar = SlidingMortar(slave, master, revolved)
+    mortar = make_sliding_mortar(slave, master, revolved)
     undeformed = mortar.linearise(mortar.x)
     if not undeformed.faces_master.any():
         raise ValueError(_NO_OVERLAP_MESSAGE % pair_index)

@@ -13,12 +13,15 @@ import numpy as np
 from pw_elements.arrays import Array, Mask
 from pw_elements.contact.interface import (
     FACED_INDEX_OF_RIGID_SURFACE,
-    N_SLIP_PATH_PIECES,
     ContactInterface,
-    MortarSlipReference,
     check_user_surface_derivatives,
 )
 from pw_elements.contact.model import ContactPair
+from pw_elements.contact.mortars import (
+    N_SLIP_PATH_PIECES,
+    MortarSlipReference,
+    rotate_with_normal,
+)
 from pw_elements.contact.nodes.nodes import (
     LinearisedKinematics,
     TorqueMap,
@@ -31,7 +34,7 @@ from pw_elements.contact.nodes.undeformed import IncrementStart
 # In the following, s is half the length of the difference between two unit normals.
 # Largest s at which the ratio of arc to chord is computed by its series
 _MAX_HALF_NORMAL_CHANGE_FOR_SERIES = 1e-3
-# Smallest divisor when vectors are normalised and rotated
+# Smallest divisor when vectors are normalised
 _MIN_NORMALISATION_DIVISOR = 1e-3
 # s of perpendicular normals, above which a point has jumped; largest argument of
 # `_arc_to_chord_ratios_and_slopes`
@@ -336,8 +339,8 @@ class LargeStrainKinematics:
             mean_normal /= np.maximum(norm, _MIN_NORMALISATION_DIVISOR)
             chord = next_point - point
             chord -= np.sum(chord * mean_normal, axis=1, keepdims=True) * mean_normal
-            slip = _rotate_with_normal(slip, normal, next_normal)
-            slip += _rotate_with_normal(chord, mean_normal, next_normal)
+            slip = rotate_with_normal(slip, normal, next_normal)
+            slip += rotate_with_normal(chord, mean_normal, next_normal)
             normal, point = next_normal, next_point
         slip += np.einsum("nab,nb->na", surfaces.rotation_minus_identity(q), slip)
         return self._deformable_pairs.fill_in_path_slip_of_deformable_pairs(slip)
@@ -384,14 +387,6 @@ class LargeStrainKinematics:
         return np.where(
             (self._faced0 & np.isfinite(current_gap))[:, None], self._normal0, current_normal
         )
-
-
-def _rotate_with_normal(vectors: Array, normal: Array, next_normal: Array) -> Array:
-    """Return tangential vectors (m, dim) after the rotation of `normal` into `next_normal`."""
-    one_plus_cosine = 1 + np.sum(normal * next_normal, axis=1, keepdims=True)
-    normal_part = np.sum(vectors * next_normal, axis=1, keepdims=True)
-    divisor = np.maximum(one_plus_cosine, _MIN_NORMALISATION_DIVISOR)
-    return vectors - normal_part / divisor * (normal + next_normal)
 
 
 def _arc_to_chord_ratios_and_slopes(half_normal_change: Array) -> tuple[Array, Array]:

@@ -1,13 +1,13 @@
 """Gap, slip and forces of two deformed bodies that slide on each other, by mortar integrals.
 
-A slave node that faces the master has three motions: the change of its gap, the change of its slip,
-and the rotation angle of its normal. The motion operator G turns unknowns into these motions, and
-the force operator H turns contact forces r into nodal forces. Both are assembled again at each
-iterate. See the theory page ("Large strains").
+In d dimensions, a slave node that faces the master has 2 d - 1 motions: the change of its gap, the
+changes of its slip along d - 1 tangents, and those of its normal along the same tangents. The
+motion operator G turns unknowns into these motions, and the force operator H turns contact forces r
+into nodal forces. Both are assembled again at each iterate. See the theory page ("Large strains").
 
 The module guarantees G and H at the current positions, and the derivative of H r at constant r. It
-assumes plane or axisymmetric bodies. It also assumes that, at each iterate,
-`linearise_mortars_and_assemble_force_operator` is called before any other evaluation.
+assumes that, at each iterate, `linearise_mortars_and_assemble_force_operator` is called before any
+other evaluation.
 """
 
 from dataclasses import replace
@@ -19,15 +19,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from pw_elements.arrays import Array
-from pw_elements.contact.interface import (
-    FACED_INDEX_OF_RIGID_SURFACE,
-    ContactInterface,
-    MortarSlipReference,
-)
+from pw_elements.contact.interface import FACED_INDEX_OF_RIGID_SURFACE, ContactInterface
+from pw_elements.contact.mortars import MortarSlipReference
 from pw_elements.contact.nodes.nodes import LinearisedKinematics, make_frames
-
-# Number of motions of a slave node that faces the master: gap, slip and angle of the normal
-_N_OF_GAP_SLIP_AND_ANGLE = 3
 
 
 class MortarKinematics:
@@ -127,38 +121,39 @@ class MortarKinematics:
         These values are linearised at the contact forces `force` (m, dim) on the points.
         """
         interface, (m, dim) = self._interface, force.shape
+        n_motions = 2 * dim - 1
         gap, slip = kinematics.gap.copy(), kinematics.slip.copy()
         frame = kinematics.frame.copy()
         v0, motion_by_v, force_by_v = (
-            np.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, _N_OF_GAP_SLIP_AND_ANGLE - dim)])
+            np.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, n_motions - dim)])
             for values in (kinematics.v0, kinematics.motion_by_v, kinematics.force_by_v)
         )
         node = interface.node * dim
         rigid = np.flatnonzero(interface.faced == FACED_INDEX_OF_RIGID_SURFACE)
-        rows = [
-            (rigid * _N_OF_GAP_SLIP_AND_ANGLE + a, node[rigid] + a, np.ones(len(rigid)))
-            for a in range(dim)
-        ]
+        rows = [(rigid * n_motions + a, node[rigid] + a, np.ones(len(rigid))) for a in range(dim)]
         for k, mortar_state in self._mortars.items():
             mortar, points, number = interface.mortars[k], self._points[k], self._slave_indices[k]
-            slips, motions = mortar_state.measure_slip_and_gap_slip_angle_derivatives(
+            slips, motions = mortar_state.measure_slip_and_motion_derivatives(
                 self._references[k], self._positions[k]
             )
-            normal, tangent, faced = (
+            normal, tangents, faced = (
                 mortar_state.normals[number],
-                mortar_state.tangents[number],
+                mortar_state.directions.tangents[number],
                 mortar_state.faces_master[number],
             )
             frame[points] = make_frames(normal, interface.equation[points] >= 0)
-            sign = np.sum(frame[points, 1] * tangent, axis=1)  # 1 or -1; 0 without tangent
+            # components of the frame's tangents along the mortar's; zero rows without tangent
+            turn = frame[points, 1:] @ np.swapaxes(tangents, 1, 2)
             gap[points] = np.where(faced, mortar_state.gaps[number], np.inf)
-            slip[points, 0] = np.where(faced, sign * slips[number], 0.0)
+            slip[points] = np.where(
+                faced[:, None], np.einsum("nst,nt->ns", turn, slips[number]), 0.0
+            )
             normal_force = np.sum(normal * force[points], axis=1)
-            tangential_force = np.sum(tangent * force[points], axis=1)
             motion_by_v[points], force_by_v[points] = 0.0, 0.0
-            motion_by_v[points, 0, 0], motion_by_v[points, 1, 1] = faced, faced * sign
-            force_by_v[points, 0, 2] = tangential_force
-            force_by_v[points, 1, 2] = -sign * normal_force
+            motion_by_v[points, 0, 0] = faced
+            motion_by_v[points, 1:, 1:dim] = faced[:, None, None] * turn
+            force_by_v[points, 0, dim:] = np.einsum("nta,na->nt", tangents, force[points])
+            force_by_v[points, 1:, dim:] = -turn * normal_force[:, None, None]
             shift = self._positions[k] - mortar.x
             shift[mortar.n_slave_nodes :] -= self._translations[k]
             dofs = (mortar.nodes[:, None] * dim + np.arange(dim)).ravel()
@@ -166,14 +161,14 @@ class MortarKinematics:
                 part = sp.coo_array(change[number])
                 rows.append(
                     (
-                        points[part.row] * _N_OF_GAP_SLIP_AND_ANGLE + motion,
+                        points[part.row] * n_motions + motion,
                         dofs[part.col],
                         part.data,
                     )
                 )
                 v0[points, motion] = change[number] @ shift.ravel()
         row, column, value = (np.concatenate(part) for part in zip(*rows, strict=True))
-        shape = (m * _N_OF_GAP_SLIP_AND_ANGLE, interface.field.local_and_global_size[1])
+        shape = (m * n_motions, interface.field.local_and_global_size[1])
         self.motion_operator = interface.assemble_matrix_over_all_unknowns(
             sp.csr_matrix((value, (row, column)), shape)
         )

@@ -13,14 +13,14 @@ from dolfinx import fem
 
 from pw_elements.arrays import Array, Indices
 from pw_elements.checks import format_points
-from pw_elements.contact.interface import (
+from pw_elements.contact.interface import make_sliding_mortar
+from pw_elements.contact.model import ContactState, PairState
+from pw_elements.contact.mortars import (
     BoundaryFacets,
     OverlapQuadrature,
-    SlidingMortar,
     compute_tributary_areas,
     gather_boundary_facets,
 )
-from pw_elements.contact.model import ContactState, PairState
 from pw_elements.contact.nodes import HELD, OPEN
 from pw_elements.elasticity import Body, StressState, SurfaceNodes, exterior_facets_with_all_nodes
 from pw_elements.spaces import gather_nodal_values
@@ -185,7 +185,7 @@ def make_own_and_opposite_surface(
             1 / np.where(covered_area > 0, covered_area, 1.0)
         )
     else:
-        mortar = SlidingMortar(slave_trace, master_trace, is_axisymmetric)
+        mortar = make_sliding_mortar(slave_trace, master_trace, is_axisymmetric)
         displacement = state.displacement.array_r.reshape(-1, mortar.x.shape[1])
         x = mortar.x + gather_nodal_values(space, mortar.nodes, displacement)
         x[mortar.n_slave_nodes :] += pair.translation

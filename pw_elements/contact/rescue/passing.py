@@ -20,8 +20,9 @@ from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import format_points, raise_errors_on_all_processes
-from pw_elements.contact.interface import ContactInterface, MortarSlipReference
+from pw_elements.contact.interface import ContactInterface
 from pw_elements.contact.model import SolutionNotFound, SurfacePassed
+from pw_elements.contact.mortars import MortarSlipReference
 from pw_elements.contact.nodes import RigidSurfaceMotion
 from pw_elements.contact.rescue.placing import PiecesMovingWithSupports
 
@@ -222,9 +223,8 @@ def raise_if_supports_meet_or_pass(
         if not reference.is_facing_master.any():
             continue
         slaves = reference.x[: len(reference.is_facing_master)][reference.is_facing_master]
-        tangent = reference.tangents[reference.is_facing_master].mean(axis=0)
-        tangent /= max(float(np.linalg.norm(tangent)), np.finfo(float).tiny)
-        normal = np.array([tangent[1], -tangent[0]])
+        normal = reference.normals[reference.is_facing_master].mean(axis=0)
+        normal /= max(float(np.linalg.norm(normal)), np.finfo(float).tiny)
         start = positions[is_fixed] + support_paths[0][is_fixed]
         is_above = (start - slaves.mean(axis=0)) @ normal > 0
         means = []
@@ -238,7 +238,8 @@ def raise_if_supports_meet_or_pass(
                 break
         else:
             separation = means[0] - means[1]  # (samples, dim)
-            offset = np.abs((separation - separation[0]) @ tangent)
+            motion = separation - separation[0]
+            offset = np.linalg.norm(motion - np.outer(motion @ normal, normal), axis=1)
             extent = _extent_of_smaller_side(interface, k)
             distance = np.where(
                 offset < _MAX_OFFSET_OF_MEETING_SUPPORTS_PER_EXTENT * extent,

@@ -15,6 +15,7 @@ from petsc4py import PETSc
 
 import numpy as np
 import ufl
+from basix import CellType
 from dolfinx import fem
 
 from pw_elements.algebra import Reduction, check_load, check_problem, is_finite
@@ -180,10 +181,12 @@ def check_large_strain_surfaces(
                 "outside of the body, and move it in"
             )
         elif isinstance(surface, DeformableSurface):
-            if space.mesh.geometry.dim == 3 or surface.coincident:
+            if surface.coincident:
+                fault = "`coincident` sides are supported for small displacements only"
+            elif space.mesh.basix_cell() == CellType.hexahedron:
                 fault = (
-                    "two deformed bodies slide on each other in the plane and in axisymmetry only, "
-                    "and `coincident` sides are not supported"
+                    "two deformed bodies slide on each other in the plane, in axisymmetry and, in "
+                    "space, on tetrahedra: use tetrahedra, or state small displacements"
                 )
         elif not isinstance(surface, ClosestPointSurface):
             fault = (

@@ -32,7 +32,10 @@ from pw_elements.algebra import (
     scale_pressures_to_displacements,
 )
 from pw_elements.arrays import Array
-from pw_elements.contact.interface import build_interface, build_interface_with_other_friction
+from pw_elements.contact.interface import (
+    build_interface,
+    build_interface_with_other_friction,
+)
 from pw_elements.contact.iteration import (
     RELATIVE_DISPLACEMENT_ROUND_OFF,
     ActiveSetUpdate,

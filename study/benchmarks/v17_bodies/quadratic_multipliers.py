@@ -23,10 +23,10 @@ import scipy.sparse as sp
 from pw_elements import Direct, PetrovGalerkinProblem, Reduction
 from pw_elements.arrays import Array, AutoDiffArray, Indices, stack_values_and_derivatives
 from pw_elements.contact import ContactPair
-from pw_elements.contact.interface import BoundaryFacets, MortarMatrices, SlidingMortar
-from pw_elements.contact.interface.sliding import LinearisedMortar, sum_into_matrix
 from pw_elements.contact.iteration import make_undeformed_state
 from pw_elements.contact.model import ContactState
+from pw_elements.contact.mortars import BoundaryFacets, MortarMatrices, PlaneSlidingMortar
+from pw_elements.contact.mortars.sliding import LinearisedMortar, sum_into_matrix
 from pw_elements.contact.steps.finite import LargeStrainStepping
 
 # Gauss-Legendre rule for products of two quadratic functions on curved facets
@@ -93,7 +93,7 @@ def _find_root_with_derivatives(
     return AutoDiffArray(t, -f(parameters_with_derivatives, t).derivative / slope)
 
 
-class DualQuadraticMortar(SlidingMortar):
+class DualQuadraticMortar(PlaneSlidingMortar):
     """Mortar integrals of dual quadratic functions on two contact sides in the plane."""
 
     def __init__(self, slave: BoundaryFacets, master: BoundaryFacets) -> None:
@@ -196,15 +196,13 @@ class DualQuadraticMortar(SlidingMortar):
             )
 
         d_distance = differentiate_distance_rows_times_positions(x) + sp.kron(rows, sp.eye_array(2))
-        normals, angles = self._average_slave_normals_and_angle_derivatives(x)
         return LinearisedMortar(
             is_facing,
-            normals,
+            self._differentiate_slave_normals(x),
             rows @ x,
             rows,
             master_fractions,
             area,
-            angles,
             differentiate_distance_rows_times_positions,
             d_distance,
             differentiate_master_forces,

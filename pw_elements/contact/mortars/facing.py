@@ -57,7 +57,7 @@ class MortarMatrices:
     Slave and master together have n nodes.
 
     Args:
-        normals: (m, 2), unit vectors out of the master.
+        normals: (m, d), unit vectors out of the master.
         areas: (m,), integrals of the weight functions over the facing parts; zero for nodes that do
             not face the master.
         distance_rows: (m, n), matrix that turns nodal values of both sides into weighted means of
@@ -78,13 +78,8 @@ class MortarMatrices:
         """Mask (m,) of the slave's nodes that face the master."""
         return np.asarray(self.areas > 0)
 
-    @property
-    def tangents(self) -> Array:
-        """Unit tangents (m, 2), which are the normals rotated anticlockwise by a right angle."""
-        return self.normals[:, ::-1] * [-1.0, 1.0]
-
     def measure_gaps(self, x: Array) -> Array:
-        """Return gaps (m,) at node positions x (n, 2); infinite where the master is not faced."""
+        """Return gaps (m,) at node positions x (n, d); infinite where the master is not faced."""
         distance = self.distance_rows @ x
         return np.where(self.faces_master, np.sum(self.normals * distance, axis=1), np.inf)
 
@@ -92,29 +87,43 @@ class MortarMatrices:
 def measure_gap_and_slip(
     start: MortarMatrices, end: MortarMatrices, x_start: Array, x_end: Array
 ) -> tuple[Array, Array]:
-    """Return gaps (m,) at the end of an increment, and slips (m, 2) since its start.
+    """Return gaps (m,) at the end of an increment, and slips (m, d) since its start.
 
     Nodes that do not face the master at the end have an infinite gap and zero slip.
 
     Args:
         start: matrices at the start of the increment.
         end: matrices at the end of the increment.
-        x_start: (n, 2), positions of the nodes at the start.
-        x_end: (n, 2), positions of the nodes at the end.
+        x_start: (n, d), positions of the nodes at the start.
+        x_end: (n, d), positions of the nodes at the end.
     """
     distance = end.distance_rows @ x_end
     # for nodes that faced the master at the start: the slip between the points that were opposite
     # each other at the start
-    slip = np.sum(end.tangents * (start.distance_rows @ x_end - distance), axis=1)
-    entered = np.sum(end.tangents * distance, axis=1)
-    entered -= np.sum(start.tangents * (end.distance_rows @ x_start), axis=1)
-    slip = np.where(start.faces_master, slip, entered) * end.faces_master
-    return end.measure_gaps(x_end), slip[:, None] * end.tangents
+    paired = start.distance_rows @ x_end - distance
+    entered = distance - _rotate_between_normals(
+        start.normals, end.normals, end.distance_rows @ x_start
+    )
+    slip = np.where(start.faces_master[:, None], paired, entered)
+    slip -= np.sum(slip * end.normals, axis=1)[:, None] * end.normals
+    return end.measure_gaps(x_end), slip * end.faces_master[:, None]
+
+
+def _rotate_between_normals(start: Array, end: Array, vectors: Array) -> Array:
+    """Return the tangential parts of vectors (m, d), rotated as `start` normals into `end` ones.
+
+    The rotation is the product of the reflections at the planes perpendicular to the start normal
+    and to the sum of both normals.
+    """
+    vectors = vectors - np.sum(start * vectors, axis=1)[:, None] * start
+    middle = start + end
+    square = np.maximum(np.sum(middle**2, axis=1), np.finfo(float).tiny)
+    return vectors - (2 * np.sum(middle * vectors, axis=1) / square)[:, None] * middle
 
 
 def evaluate_mortar_matrices(sides: MortarSides, x: Array) -> MortarMatrices:
     """Return normals, areas and mortar matrices for nodes at positions x (n, 2)."""
-    m, f = len(sides.allowed_components), len(sides.slave_facets)
+    f = len(sides.slave_facets)
     normals = _average_normals_at_slave_nodes(sides, x)
     facet, (low, high), master = _find_facing_facet_parts(sides, x, normals)
     slave_nodes, master_nodes = sides.slave_facets[facet], sides.master_facets[master]
@@ -136,13 +145,44 @@ def evaluate_mortar_matrices(sides: MortarSides, x: Array) -> MortarMatrices:
     slave_products = np.einsum("qg,qig,qjg->qij", measure, weights, weights)
     master_weights = np.stack([1 - master_s, master_s], axis=1)
     mixed_products = np.einsum("qg,qig,qkg->qik", measure, weights, master_weights)
-    areas, facet_products = np.zeros(m), np.zeros((f, 2, 2))
+    return assemble_mortar_matrices(
+        normals, f, facet, slave_nodes, master_nodes, slave_products, mixed_products, len(x)
+    )
+
+
+def assemble_mortar_matrices(
+    normals: Array,
+    n_slave_facets: int,
+    facet: Indices,
+    slave_nodes: Indices,
+    master_nodes: Indices,
+    slave_products: Array,
+    mixed_products: Array,
+    n_nodes: int,
+) -> MortarMatrices:
+    """Assemble the mortar matrices from the integrals over q facing parts.
+
+    Facets have k corners.
+
+    Args:
+        normals: (m, d), unit vectors out of the master at the slave's nodes.
+        n_slave_facets: number of facets of the slave.
+        facet: (q,), slave facet of each part.
+        slave_nodes: (q, k), corners of the slave's facets.
+        master_nodes: (q, k), corners of the master's facets.
+        slave_products: (q, k, k), integrals of products of two weight functions of the slave.
+        mixed_products: (q, k, k), integrals of a weight function of the slave times one of the
+            master.
+        n_nodes: number n of nodes of both sides.
+    """
+    m, k = len(normals), slave_nodes.shape[1]
+    areas, facet_products = np.zeros(m), np.zeros((n_slave_facets, k, k))
     np.add.at(areas, slave_nodes, slave_products.sum(axis=2))
     np.add.at(facet_products, facet, slave_products)
     # dual functions diag(W 1) W^-1 w on each facet, with the weight functions w and the integrals W
     # of their products
     covered = np.unique(facet)
-    duals, loss = np.zeros((f, 2, 2)), np.zeros(f)
+    duals, loss = np.zeros_like(facet_products), np.zeros(n_slave_facets)
     W = facet_products[covered]
     duals[covered] = W.sum(axis=2)[:, :, None] * np.linalg.inv(W)
     loss[covered] = np.finfo(float).eps * np.linalg.cond(W)
@@ -151,11 +191,11 @@ def evaluate_mortar_matrices(sides: MortarSides, x: Array) -> MortarMatrices:
     fractions = duals[facet] @ mixed_products / areas[slave_nodes][:, :, None]
     scale = sp.diags_array(1 / np.where(areas > 0, areas, 1.0))
     distance_rows = scale @ (
-        _sum_blocks_into_matrix(slave_products, slave_nodes, slave_nodes, (m, len(x)))
-        - _sum_blocks_into_matrix(mixed_products, slave_nodes, master_nodes, (m, len(x)))
+        _sum_blocks_into_matrix(slave_products, slave_nodes, slave_nodes, (m, n_nodes))
+        - _sum_blocks_into_matrix(mixed_products, slave_nodes, master_nodes, (m, n_nodes))
     )
     master_fractions = _sum_blocks_into_matrix(
-        fractions, slave_nodes, master_nodes - m, (m, len(x) - m)
+        fractions, slave_nodes, master_nodes - m, (m, n_nodes - m)
     )
     return MortarMatrices(normals, areas, distance_rows, master_fractions, fraction_error)
 
@@ -163,7 +203,7 @@ def evaluate_mortar_matrices(sides: MortarSides, x: Array) -> MortarMatrices:
 def _sum_blocks_into_matrix(
     blocks: Array, rows: Indices, columns: Indices, shape: tuple[int, int]
 ) -> sp.csr_array:
-    """Return the sparse matrix with blocks (q, 2, 2) at rows (q, 2) and columns (q, 2).
+    """Return the sparse matrix with blocks (q, k, k) at rows (q, k) and columns (q, k).
 
     Entries at the same position are summed.
     """

@@ -10,41 +10,26 @@ is not the transpose of the motion operator, because tractions are weighted with
 gaps with weight functions (B. Wohlmuth, https://doi.org/10.1137/S0036142999350929).
 """
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 
 from mpi4py import MPI
 
 import basix
 import numpy as np
 import scipy.sparse as sp
-from dolfinx import fem
 
-from pw_elements.arrays import Array, Indices, LocalIndices
-from pw_elements.contact.interface.overlap import (
+from pw_elements.arrays import Array, Indices
+from pw_elements.contact.mortars.boundary_facets import (
+    SUB_FACET_CELL_TYPE_BY_CORNER_COUNT,
+    BoundaryFacets,
+)
+from pw_elements.contact.mortars.overlap import (
     compute_cell_lengths_or_areas,
     compute_jacobian_factors,
-    compute_unoriented_cell_normals,
     evaluate_corner_shape_functions,
     find_overlap_simplices,
 )
-from pw_elements.elasticity import locate_facet_nodes_in_cells
 
-# Nodes of each sub-facet of a facet, by the number of the facet's nodes. Vertices come first, then
-# the middles of edges, then the centre of a quadrilateral
-_SUB_FACET_NODES_BY_NODE_COUNT = {
-    3: ((0, 2), (2, 1)),
-    6: ((0, 5, 4), (5, 1, 3), (4, 3, 2), (3, 4, 5)),
-    9: ((0, 4, 5, 8), (4, 1, 8, 6), (5, 8, 2, 7), (8, 6, 7, 3)),
-}
-# Cell type of a sub-facet, by its number of corners
-_SUB_FACET_CELL_TYPE_BY_CORNER_COUNT = {
-    2: basix.CellType.interval,
-    3: basix.CellType.triangle,
-    4: basix.CellType.quadrilateral,
-}
-# An edge is sharp if the cosine between the normals of its adjacent facets is below this value
-_MAX_NORMAL_COSINE_AT_SHARP_EDGE = float(np.cos(np.pi / 4)) - 1e-9
 # Polynomial degree of products of a weight function, a quadratic function and, in axisymmetry, the
 # radius, by the number of corners of a sub-facet; and degree of the rule for quadrilaterals that
 # are not parallelograms, on which the integrand is not a polynomial
@@ -52,165 +37,6 @@ _QUADRATURE_DEGREE_BY_CORNER_COUNT = {2: 4, 3: 4, 4: 6}
 _NON_PARALLELOGRAM_QUADRATURE_DEGREE = 10
 # Largest difference between opposite sides of a parallelogram, relative to its size
 _RELATIVE_PARALLELOGRAM_TOLERANCE = 1e-9
-
-
-@dataclass(frozen=True)
-class BoundaryFacets:
-    """Part of a body's boundary, gathered from all processes: f facets with k nodes each."""
-
-    facet_nodes: Indices  # (f, k), global nodes; vertices first, then the middles of edges
-    facet_x: Array  # (f, k, dim), positions of the nodes of each facet
-    facet_normals: Array  # (f, dim), outward unit normals of the facets, treated as flat
-
-    @property
-    def space_dim(self) -> int:
-        """Dimension of the space that contains the boundary."""
-        return int(self.facet_x.shape[2])
-
-    @cached_property
-    def _quadratic_facet_element(self) -> basix.finite_element.FiniteElement:
-        return basix.create_element(
-            basix.ElementFamily.P,
-            _SUB_FACET_CELL_TYPE_BY_CORNER_COUNT[self._local_sub_facet_nodes.shape[1]],
-            2,
-        )
-
-    @cached_property
-    def _local_sub_facet_nodes(self) -> Indices:
-        """Local nodes (number of sub-facets, k) of the sub-facets of one facet."""
-        return np.array(_SUB_FACET_NODES_BY_NODE_COUNT[self.facet_nodes.shape[1]])
-
-    @cached_property
-    def sub_facet_nodes_corners_and_normals(self) -> tuple[Indices, Array, Array]:
-        """Nodes (s, k), corners (s, k, dim) and outward unit normals (s, dim) of all sub-facets."""
-        count, k = self._local_sub_facet_nodes.shape
-        corners = self.facet_x[:, self._local_sub_facet_nodes].reshape(-1, k, self.space_dim)
-        outward = np.repeat(self.facet_normals, count, axis=0)
-        normal = compute_unoriented_cell_normals(corners)
-        normal *= np.sign(np.sum(normal * outward, axis=1))[:, None]
-        return self.facet_nodes[:, self._local_sub_facet_nodes].reshape(-1, k), corners, normal
-
-    def evaluate_trial_functions(
-        self, sub_facet: Indices, corner_shape_functions: Array
-    ) -> tuple[Indices, Array]:
-        """Evaluate the quadratic trial functions of facets at q points.
-
-        Args:
-            sub_facet: (q,), index of the sub-facet that contains each point.
-            corner_shape_functions: (q, k), shape functions of the corners of the sub-facet at each
-                point.
-
-        Returns:
-            Nodes (q, n) of the facet that contains each point, and the values (q, n) of their trial
-            functions at the point.
-        """
-        facet, part = np.divmod(sub_facet, len(self._local_sub_facet_nodes))
-        corner_coordinates = self._quadratic_facet_element.points[self._local_sub_facet_nodes][part]
-        coordinates = np.einsum("qa,qab->qb", corner_shape_functions, corner_coordinates)
-        values = np.zeros((len(sub_facet), self.facet_nodes.shape[1]))
-        if len(sub_facet):  # Basix does not accept empty arrays
-            values = self._quadratic_facet_element.tabulate(0, coordinates)[0, :, :, 0]
-        return self.facet_nodes[facet], values
-
-    def interpolate_positions(self, sub_facet: Indices, trial_function_values: Array) -> Array:
-        """Return positions (q, dim) of points on the facets.
-
-        Args:
-            sub_facet: (q,), index of the sub-facet that contains each point.
-            trial_function_values: (q, n), values of the facet's trial functions at each point.
-        """
-        facet_x = self.facet_x[sub_facet // len(self._local_sub_facet_nodes)]
-        return np.einsum("qk,qkd->qd", trial_function_values, facet_x)
-
-    @cached_property
-    def nodes(self) -> Indices:
-        """Sorted global numbers (n,) of the nodes."""
-        return np.unique(self.facet_nodes)
-
-    def with_positions(self, x: Array) -> "BoundaryFacets":
-        """Return a copy with the nodes at positions x (n, dim), in the order of `nodes`."""
-        return replace(self, facet_x=x[np.searchsorted(self.nodes, self.facet_nodes)])
-
-    def average_normals(self, nodes: Indices) -> Array:
-        """Return unit normals (..., dim) at nodes with global numbers (...).
-
-        Each normal is the mean of the normals of the adjacent sub-facets, weighted with the lengths
-        or areas of the sub-facets.
-        """
-        sub_facet_nodes, corners, normal = self.sub_facet_nodes_corners_and_normals
-        position = np.searchsorted(self.nodes, sub_facet_nodes)
-        sums = np.zeros((len(self.nodes), self.space_dim))
-        np.add.at(
-            sums, position, (normal * compute_cell_lengths_or_areas(corners)[:, None])[:, None, :]
-        )
-        sums /= np.linalg.norm(sums, axis=1, keepdims=True)
-        return sums[np.searchsorted(self.nodes, nodes)]
-
-    def find_sharp_edge_node_positions(self) -> Array:
-        """Return positions (n, dim) of nodes at which adjacent facets meet at a sharp edge.
-
-        At a sharp edge, the normals of the two facets differ by more than 45 degrees.
-        """
-        k, element = self.facet_nodes.shape[1], self._quadratic_facet_element
-        slopes = element.tabulate(1, element.points)[1:, :, :, 0]
-        tangents = np.einsum("dqk,fkx->fqdx", slopes, self.facet_x)
-        tangents = tangents.reshape(-1, self.space_dim - 1, self.space_dim)
-        normal = compute_unoriented_cell_normals(
-            np.concatenate([np.zeros_like(tangents[:, :1]), tangents], axis=1)
-        )
-        normal *= np.sign(np.sum(normal * np.repeat(self.facet_normals, k, axis=0), axis=1))[
-            :, None
-        ]
-        # local nodes at which at most two facets meet, which are end nodes in the plane and
-        # mid-side nodes in space
-        shared = np.concatenate(element.entity_dofs[self.space_dim - 2]).astype(np.int64)
-        normal = normal.reshape(-1, k, self.space_dim)[:, shared].reshape(-1, self.space_dim)
-        node = self.facet_nodes[:, shared].ravel()
-        x = self.facet_x[:, shared].reshape(-1, self.space_dim)
-        order = np.argsort(node, kind="stable")
-        facet, neighbour = order[:-1], order[1:]
-        cosine = np.sum(normal[facet] * normal[neighbour], axis=1)
-        sharp = (node[facet] == node[neighbour]) & (cosine < _MAX_NORMAL_COSINE_AT_SHARP_EDGE)
-        return np.asarray(x[facet[sharp]])
-
-    def node_positions(self) -> Array:
-        """Return positions (n, dim) of the nodes in the order of `nodes`."""
-        _, index = np.unique(self.facet_nodes, return_index=True)
-        return self.facet_x.reshape(-1, self.space_dim)[index]
-
-
-def gather_boundary_facets(space: fem.FunctionSpace, facets: LocalIndices) -> BoundaryFacets:
-    """Gather the given exterior facets from all processes; collective.
-
-    Args:
-        space: space of displacements.
-        facets: local numbers of the facets on this process.
-    """
-    nodes, x, outward = compute_facet_nodes_positions_and_facet_normals(space, facets)
-    number = space.dofmap.index_map.local_to_global(nodes.ravel()).reshape(nodes.shape)
-    parts = zip(*space.mesh.comm.allgather((number, x, outward)), strict=True)
-    return BoundaryFacets(*(np.concatenate(part) for part in parts))
-
-
-def compute_facet_nodes_positions_and_facet_normals(
-    space: fem.FunctionSpace, facets: LocalIndices
-) -> tuple[LocalIndices, Array, Array]:
-    """Return nodes (f, k), node positions (f, k, dim) and outward normals (f, dim) of facets.
-
-    Normals are unit vectors, computed as if the facets were flat.
-
-    Args:
-        space: space of displacements.
-        facets: (f,), local numbers of exterior facets.
-    """
-    dim, (cells, local_nodes) = space.mesh.topology.dim, locate_facet_nodes_in_cells(space, facets)
-    cell_nodes = space.dofmap.list[cells]
-    nodes = np.take_along_axis(cell_nodes, local_nodes, axis=1)
-    x = space.tabulate_dof_coordinates()[:, :dim]
-    cell_middle = x[cell_nodes].mean(axis=1)
-    normal = compute_unoriented_cell_normals(x[nodes[:, :dim]])
-    normal *= np.sign(np.sum(normal * (x[nodes[:, 0]] - cell_middle), axis=1))[:, None]
-    return nodes, x[nodes], normal
 
 
 @dataclass(frozen=True)
@@ -271,7 +97,7 @@ class OverlapQuadrature:
         ):
             degree = _NON_PARALLELOGRAM_QUADRATURE_DEGREE
         points, rule = basix.make_quadrature(
-            _SUB_FACET_CELL_TYPE_BY_CORNER_COUNT[slave.space_dim], degree
+            SUB_FACET_CELL_TYPE_BY_CORNER_COUNT[slave.space_dim], degree
         )
         barycentric = np.column_stack([1 - points.sum(axis=1), points])
         rule = rule / rule.sum()
@@ -369,7 +195,7 @@ def compute_tributary_areas(boundary_facets: BoundaryFacets, revolved: bool) -> 
     """
     nodes, corners, _ = boundary_facets.sub_facet_nodes_corners_and_normals
     k = corners.shape[1]
-    cell_type = _SUB_FACET_CELL_TYPE_BY_CORNER_COUNT[k]
+    cell_type = SUB_FACET_CELL_TYPE_BY_CORNER_COUNT[k]
     points, rule = basix.make_quadrature(cell_type, _QUADRATURE_DEGREE_BY_CORNER_COUNT[k])
     element = basix.create_element(basix.ElementFamily.P, cell_type, 1)
     values = element.tabulate(0, points)[0, :, :, 0]

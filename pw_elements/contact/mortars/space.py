@@ -1,0 +1,437 @@
+"""Mortar integrals of two deformed sides in space, with derivatives.
+
+The sides consist of flat triangles between the nodes of quadratic facets, on which weight functions
+are linear. Points of the master are projected onto a triangle of the slave along the normal of this
+triangle. On it, points have the coordinates (s_1, s_2) with respect to the edges from its first
+corner, so that its weight functions are 1 - s_1 - s_2, s_1 and s_2. The corners p of a triangle of
+the master are at projected coordinates, too; the intersection of both triangles is a polygon, over
+which the products of weight functions are integrated exactly.
+
+A polygon and all integrals over it depend on the nine nodes' coordinates only through the six
+coordinates p and the area of the slave's triangle. Therefore the derivatives are first computed
+with respect to p, and then multiplied by the derivative of p.
+
+Where corners or edges of both sides coincide, as on matching meshes, integrals have different
+derivatives in different directions. The corners of the polygon are then those after a tiny common
+shift of the master's corners. The derivatives of all triangles of the master that meet at such a
+place thereby belong to the same direction, and their sum is that of the whole.
+"""
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from pw_elements.arrays import Array, Indices, Mask
+from pw_elements.contact.mortars.boundary_facets import BoundaryFacets
+from pw_elements.contact.mortars.facing import MortarMatrices
+from pw_elements.contact.mortars.facing_in_space import (
+    TriangulatedSides,
+    evaluate_mortar_matrices_in_space,
+)
+from pw_elements.contact.mortars.overlap import MAX_COSINE_OF_FACING_OUTWARD_NORMALS
+from pw_elements.contact.mortars.sliding import (
+    MIN_FACING_FRACTION_OF_SLAVE_FACET,
+    FacingParts,
+    NormalsWithDerivatives,
+    SlidingMortar,
+    number_unique_products,
+    sum_into_matrix,
+)
+
+# Shift of the master's corners that decides between coinciding corners and edges, in the edge
+# coordinates of a slave's triangle. It is larger than round-off, and its direction is arbitrary
+_TIE_BREAKING_SHIFT = np.array([0.83e-11, 0.47e-11])
+# Largest number of corners of the intersection of two triangles
+_MAX_POLYGON_CORNERS = 6
+# Two-point Gauss rule on [0, 1], exact for the cubics that are integrated along edges
+_GAUSS_POINTS = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3)
+_GAUSS_WEIGHTS = np.array([0.5, 0.5])
+# Weight functions of a triangle's corners, as coefficients of 1, s_1 and s_2
+_WEIGHT_FUNCTION_COEFFICIENTS = np.array([[1.0, -1.0, -1.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+# Exponents of s_1 and s_2 in the monomials 1, s_1, s_2, s_1^2, s_1 s_2 and s_2^2; number of the
+# product of two of the first three
+_MONOMIAL_EXPONENTS = np.array([[0, 0], [1, 0], [0, 1], [2, 0], [1, 1], [0, 2]])
+_PRODUCT_OF_MONOMIALS = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
+
+
+class SpaceSlidingMortar(SlidingMortar):
+    """Mortar between two sides in space, each made of the sub-triangles of quadratic triangles.
+
+    The normal at a slave's node is that of the sum of the area vectors of its triangles.
+
+    Args:
+        slave: boundary facets of the undeformed slave.
+        master: boundary facets of the undeformed master.
+    """
+
+    def __init__(self, slave: BoundaryFacets, master: BoundaryFacets) -> None:
+        super().__init__(
+            slave, master, _orient_triangles_outwards(slave), _orient_triangles_outwards(master)
+        )
+        sides = self._master_facets[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+        edges, count = np.unique(np.sort(sides, axis=1), axis=0, return_counts=True)
+        self._master_rim_edges = edges[count == 1]
+
+    @property
+    def sides(self) -> TriangulatedSides:
+        """Triangles of both sides and allowed components of normals, independent of the state."""
+        return TriangulatedSides(self._slave_facets, self._master_facets, self.allowed_components)
+
+    def evaluate_mortar_matrices_independently(self, x: Array) -> MortarMatrices:
+        return evaluate_mortar_matrices_in_space(self.sides, x)
+
+    def _average_slave_normals(self, x: Array) -> Array:
+        total = self._sum_area_vectors_into_master(x)
+        return np.asarray(total / np.linalg.norm(total, axis=1, keepdims=True))
+
+    def _sum_area_vectors_into_master(self, x: Array) -> Array:
+        """Return sums (m, 3) of area vectors at the slave's nodes, without forbidden components.
+
+        The vectors point out of the master, and hence into the slave.
+        """
+        a, b, c = np.swapaxes(x[self._slave_facets], 0, 1)
+        vector = np.cross(c - a, b - a)
+        total = np.zeros((self.n_slave_nodes, 3))
+        for corner in self._slave_facets.T:
+            np.add.at(total, corner, vector)
+        return np.where(self.allowed_components, total, 0.0)
+
+    def _differentiate_slave_normals(self, x: Array) -> NormalsWithDerivatives:
+        total = self._sum_area_vectors_into_master(x)
+        length = np.linalg.norm(total, axis=1, keepdims=True)
+        normals = total / length
+        tangents = _make_tangents(normals)
+        corners = x[self._slave_facets]
+        # derivative of t·(area vector) by corner i is t x (edge opposite to i)
+        opposite = corners[:, [1, 2, 0]] - corners[:, [2, 0, 1]]
+        rates = []
+        for tangent in np.swapaxes(tangents, 0, 1):
+            # components that are not allowed do not count
+            allowed = np.where(self.allowed_components, tangent, 0.0) / length
+            by_corner = np.cross(allowed[self._slave_facets][:, :, None], opposite[:, None])
+            row = self._slave_facets[:, :, None, None]
+            column = 3 * self._slave_facets[:, None, :, None] + np.arange(3)
+            rates.append(sum_into_matrix(by_corner, row, column, (len(normals), x.size)))
+        return NormalsWithDerivatives(normals, tangents, rates)
+
+    def _integrate_over_facing_parts(self, x: Array) -> FacingParts:
+        slave, master = self._find_near_facing_facet_pairs(x)
+        # seen from outside the slave, the master's corners run clockwise
+        nodes = np.concatenate(
+            [self._slave_facets[slave], self._master_facets[master][:, ::-1]], axis=1
+        )
+        p = _project_onto_slave_triangles(x[nodes])[0]
+        overlaps = (
+            (p.max(axis=1) >= 0).all(axis=1)
+            & (p.min(axis=1) <= 1).all(axis=1)
+            & (p.sum(axis=2).min(axis=1) <= 1)
+        )
+        slave, nodes, p = slave[overlaps], nodes[overlaps], p[overlaps]
+        moments, moment_rates = _integrate_monomials_over_overlaps(p)
+        covered = np.bincount(slave, moments[:, 0], minlength=len(self._slave_facets))[slave] * 2
+        facing = (moments[:, 0] > 0) & (covered > MIN_FACING_FRACTION_OF_SLAVE_FACET)
+        slave, nodes, p, moments, moment_rates = (
+            values[facing] for values in (slave, nodes, p, moments, moment_rates)
+        )
+        p_rates, jacobian, jacobian_rates = _project_onto_slave_triangles(x[nodes])[1:]
+        i, j = np.triu_indices(3)
+        number = number_unique_products(3)
+        assert np.array_equal(number[i, j], np.arange(len(i)))
+        slave_products = _combine_moments(_WEIGHT_FUNCTION_COEFFICIENTS)[i, j]
+        # integrals in edge coordinates, and derivatives with respect to p
+        D, dD = moments @ slave_products.T, slave_products @ moment_rates
+        coefficients, coefficient_rates = _find_weight_functions_of_projected_triangles(p)
+        by_coefficient = np.einsum(
+            "ia,abv,qv->qib", _WEIGHT_FUNCTION_COEFFICIENTS, _MOMENT_OF_PRODUCT, moments
+        )
+        M = by_coefficient @ np.swapaxes(coefficients, 1, 2)
+        dM = np.einsum("qib,qkbc->qikc", by_coefficient, coefficient_rates)
+        dM += np.einsum(
+            "ia,abv,qkb,qvc->qikc",
+            _WEIGHT_FUNCTION_COEFFICIENTS,
+            _MOMENT_OF_PRODUCT,
+            coefficients,
+            moment_rates,
+            optimize=True,
+        )
+        J = jacobian[:, None]
+        q = len(slave)
+        return FacingParts(
+            slave,
+            nodes[:, :3],
+            nodes[:, 3:],
+            nodes,
+            D * J,
+            (dD @ p_rates) * J[:, :, None] + D[:, :, None] * jacobian_rates[:, None],
+            M * J[:, :, None],
+            (dM.reshape(q, 9, 6) @ p_rates).reshape(q, 3, 3, 18) * J[:, :, None, None]
+            + M[..., None] * jacobian_rates[:, None, None],
+        )
+
+    def _find_near_facing_facet_pairs(self, x: Array) -> tuple[Indices, Indices]:
+        """Return the pairs of a triangle of the slave and one of the master that may face.
+
+        A triangle of the master is near if its midpoint is at most h farther from the midpoint of
+        the slave's triangle than the nearest midpoint of the master is. Here h is the radius of the
+        slave's triangle around its midpoint plus the largest radius of the master's triangles.
+
+        Returns:
+            Slave facets (q,) and master facets (q,) of the pairs.
+        """
+        (middle, radius, normal), (master_middle, master_radius, master_normal) = (
+            _measure_triangles(x[facets]) for facets in (self._slave_facets, self._master_facets)
+        )
+        tree = cKDTree(master_middle)
+        reach = radius + master_radius.max() + tree.query(middle)[0]
+        neighbours = tree.query_ball_point(middle, reach)
+        slave = np.repeat(np.arange(len(middle)), [len(near) for near in neighbours])
+        master = np.concatenate([np.asarray(near, dtype=np.int64) for near in neighbours])
+        cosine = np.sum(normal[slave] * master_normal[master], axis=1)
+        facing = cosine < MAX_COSINE_OF_FACING_OUTWARD_NORMALS
+        return slave[facing], master[facing]
+
+    def _find_closest_master_points(self, x: Array) -> tuple[Indices, Array]:
+        points, corners = x[: self.n_slave_nodes], x[self._master_facets]
+        middle, radius, _ = _measure_triangles(corners)
+        tree = cKDTree(middle)
+        # a triangle with a closer point than the nearest midpoint has its midpoint within the reach
+        near = tree.query_ball_point(points, tree.query(points)[0] + radius.max())
+        point = np.repeat(np.arange(len(points)), [len(part) for part in near])
+        triangle = np.concatenate([np.asarray(part, dtype=np.int64) for part in near])
+        weights = _find_closest_points_on_triangles(points[point], corners[triangle])
+        offset = points[point] - np.einsum("qk,qkx->qx", weights, corners[triangle])
+        order = np.lexsort((np.linalg.norm(offset, axis=1), point))
+        first = order[np.searchsorted(point[order], np.arange(len(points)))]
+        return self._master_facets[triangle[first]], weights[first]
+
+    def _compute_outward_normals_of_master_facets(self, x: Array, corners: Indices) -> Array:
+        return _measure_triangles(x[corners])[2]
+
+    def _is_on_master_rim(self, corners: Indices, weights: Array) -> Mask:
+        on_rim = np.zeros(len(corners), dtype=bool)
+        n = len(self.nodes)
+        rim = self._master_rim_edges @ [n, 1]
+        for i, j in ((0, 1), (1, 2), (2, 0)):
+            ends = np.sort(corners[:, [i, j]], axis=1)
+            on_rim |= (weights[:, 3 - i - j] == 0) & np.isin(ends @ [n, 1], rim)
+        at_corner = (weights == 1) & np.isin(corners, self._master_rim_edges)
+        return on_rim | at_corner.any(axis=1)
+
+
+def _multiply_linear_functions_to_moments() -> Array:
+    """Return the array (3, 3, 6) that selects the monomial which is the product of two of three."""
+    selection = np.zeros((3, 3, 6))
+    a, b = np.indices((3, 3))
+    selection[a, b, _PRODUCT_OF_MONOMIALS] = 1.0
+    return selection
+
+
+_MOMENT_OF_PRODUCT = _multiply_linear_functions_to_moments()
+
+
+def _combine_moments(coefficients: Array) -> Array:
+    """Return the factors (k, k, 6) of moments in the integrals of products of k linear functions.
+
+    The coefficients (k, 3) are those of 1, s_1 and s_2.
+    """
+    return np.einsum("ia,jb,abv->ijv", coefficients, coefficients, _MOMENT_OF_PRODUCT)
+
+
+def _orient_triangles_outwards(boundary_facets: BoundaryFacets) -> Indices:
+    """Return the corners (f, 3) of each sub-triangle, as indices into `boundary_facets.nodes`.
+
+    Seen from outside of the body, they run anticlockwise.
+    """
+    nodes, corners, outward = boundary_facets.sub_facet_nodes_corners_and_normals
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    is_outward = np.sum(normal * outward, axis=1) > 0
+    index = np.searchsorted(boundary_facets.nodes, nodes)
+    return np.where(is_outward[:, None], index, index[:, [0, 2, 1]])
+
+
+def _measure_triangles(corners: Array) -> tuple[Array, Array, Array]:
+    """Return midpoints (n, 3), radii (n,) around them, and unit normals (n, 3) of triangles.
+
+    The corners (n, 3, 3) run anticlockwise around the normals.
+    """
+    middle = corners.mean(axis=1)
+    radius = np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return middle, radius, normal / np.linalg.norm(normal, axis=1, keepdims=True)
+
+
+def _make_tangents(normals: Array) -> Array:
+    """Return two orthonormal vectors (m, 2, 3) perpendicular to each unit normal (m, 3)."""
+    axis = np.eye(3)[np.abs(normals).argmin(axis=1)]
+    first = np.cross(normals, axis)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return np.stack([first, np.cross(normals, first)], axis=1)
+
+
+def _project_onto_slave_triangles(corners: Array) -> tuple[Array, Array, Array, Array]:
+    """Project triangles of the master onto triangles of the slave along the latter's normals.
+
+    Args:
+        corners: (q, 6, 3), three corners of the slave's triangle, followed by the master's.
+
+    Returns:
+        Coordinates p (q, 3, 2) of the master's corners in the edge coordinates of the slave;
+        derivatives (q, 6, 18) of p with respect to the corners; twice the areas (q,) of the slave's
+        triangles, and their derivatives (q, 18).
+    """
+    q = len(corners)
+    a, edges = corners[:, 0], corners[:, 1:3] - corners[:, :1]
+    metric = edges @ np.swapaxes(edges, 1, 2)
+    inverse_metric = np.linalg.inv(metric)
+    H = inverse_metric @ edges  # (q, 2, 3), from vectors to edge coordinates
+    from_a = corners[:, 3:] - a[:, None]
+    p = from_a @ np.swapaxes(H, 1, 2)
+    height = from_a - p @ edges  # parts along the normal
+    rates = np.zeros((q, 3, 2, 6, 3))
+    for k in range(3):
+        rates[:, k, :, 3 + k] += H
+        for e in range(2):  # a change of an edge
+            by_edge = -p[:, k, e, None, None] * H
+            by_edge = by_edge + inverse_metric[:, :, e, None] * height[:, k, None]
+            rates[:, k, :, 1 + e] += by_edge
+            rates[:, k, :, 0] -= by_edge
+        rates[:, k, :, 0] -= H
+    area_vector = np.cross(edges[:, 0], edges[:, 1])
+    jacobian = np.linalg.norm(area_vector, axis=1)
+    normal = area_vector / jacobian[:, None]
+    jacobian_rates = np.zeros((q, 6, 3))
+    jacobian_rates[:, 1] = np.cross(edges[:, 1], normal)
+    jacobian_rates[:, 2] = np.cross(normal, edges[:, 0])
+    jacobian_rates[:, 0] = -jacobian_rates[:, 1] - jacobian_rates[:, 2]
+    return p, rates.reshape(q, 6, 18), jacobian, jacobian_rates.reshape(q, 18)
+
+
+def _integrate_monomials_over_overlaps(p: Array) -> tuple[Array, Array]:
+    """Integrate the monomials 1, s_1, s_2, s_1^2, s_1 s_2 and s_2^2 over polygons.
+
+    A polygon is the intersection of the unit triangle, with the corners (0, 0), (1, 0) and (0, 1),
+    and a triangle with the corners p (q, 3, 2), which run anticlockwise.
+
+    Returns:
+        The integrals (q, 6), and their derivatives (q, 6, 6) with respect to p.
+    """
+    corner, rate, count = _intersect_with_unit_triangle(p)
+    q = len(p)
+    moments, moment_rates = np.zeros((q, 6)), np.zeros((q, 6, 6))
+    row = np.arange(q)
+    degree = _MONOMIAL_EXPONENTS.sum(axis=1)
+    for k in range(_MAX_POLYGON_CORNERS):
+        following = np.where(k + 1 < count, k + 1, 0)
+        exists = (k < count).astype(float)
+        start, end = corner[:, k], corner[row, following]
+        start_rate, end_rate = rate[:, k], rate[row, following]
+        edge = end - start
+        cross = exists * (start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0])
+        # a motion v of the edge's ends sweeps the area v x edge
+        sweeps = [
+            exists[:, None] * (v[:, 0] * edge[:, 1, None] - v[:, 1] * edge[:, 0, None])
+            for v in (start_rate, end_rate)
+        ]
+        for t, weight in zip(_GAUSS_POINTS, _GAUSS_WEIGHTS, strict=True):
+            point = start + t * edge
+            values = np.prod(point[:, None] ** _MONOMIAL_EXPONENTS, axis=2)
+            # by the divergence theorem for homogeneous functions
+            moments += weight * values * cross[:, None] / (degree + 2)
+            sweep = (1 - t) * sweeps[0] + t * sweeps[1]
+            moment_rates += weight * values[:, :, None] * sweep[:, None]
+    return moments, moment_rates
+
+
+def _intersect_with_unit_triangle(p: Array) -> tuple[Array, Array, Indices]:
+    """Return the corners of the intersections of triangles with the unit triangle.
+
+    The corners p (q, 3, 2) of the triangles run anticlockwise. They are clipped at the three sides
+    of the unit triangle in turn (Sutherland and Hodgman, https://doi.org/10.1145/360767.360802).
+    Which corners are inside is decided after a shift by `_TIE_BREAKING_SHIFT`.
+
+    Returns:
+        The corners (q, 6, 2) of the polygons, of which the first ones are used; their derivatives
+        (q, 6, 2, 6) with respect to p; and the numbers (q,) of corners.
+    """
+    q = len(p)
+    corner: Array = np.zeros((q, _MAX_POLYGON_CORNERS, 2))
+    rate: Array = np.zeros((q, _MAX_POLYGON_CORNERS, 2, 6))
+    corner[:, :3] = p
+    rate[:, :3] = np.eye(6).reshape(3, 2, 6)
+    count: Indices = np.full(q, 3)
+    row = np.arange(q)
+    for gradient, constant in (((1.0, 0.0), 0.0), ((0.0, 1.0), 0.0), ((-1.0, -1.0), 1.0)):
+        direction = np.array(gradient)
+        height = constant + corner @ direction
+        shifted = height + direction @ _TIE_BREAKING_SHIFT
+        height_rate = np.einsum("a,qkac->qkc", direction, rate)
+        next_corner, next_rate = np.zeros_like(corner), np.zeros_like(rate)
+        size = np.zeros(q, dtype=np.int64)
+        for k in range(_MAX_POLYGON_CORNERS):
+            exists = k < count
+            following = np.where(k + 1 < count, k + 1, 0)
+            inside = exists & (shifted[:, k] >= 0)
+            next_inside = shifted[row, following] >= 0
+            kept = row[inside]
+            next_corner[kept, size[kept]] = corner[kept, k]
+            next_rate[kept, size[kept]] = rate[kept, k]
+            size[kept] += 1
+            cut = np.flatnonzero(exists & (inside != next_inside))
+            ends = following[cut]
+            h, h_end = height[cut, k], height[cut, ends]
+            t = np.clip(h / (h - h_end), 0.0, 1.0)
+            t_rate = (
+                h[:, None] * height_rate[cut, ends] - h_end[:, None] * height_rate[cut, k]
+            ) / ((h - h_end) ** 2)[:, None]
+            edge = corner[cut, ends] - corner[cut, k]
+            next_corner[cut, size[cut]] = corner[cut, k] + t[:, None] * edge
+            next_rate[cut, size[cut]] = (
+                (1 - t)[:, None, None] * rate[cut, k]
+                + t[:, None, None] * rate[cut, ends]
+                + edge[:, :, None] * t_rate[:, None]
+            )
+            size[cut] += 1
+        corner, rate, count = next_corner, next_rate, size
+    return corner, rate, count
+
+
+def _find_weight_functions_of_projected_triangles(p: Array) -> tuple[Array, Array]:
+    """Return the weight functions of triangles with the corners p (q, 3, 2), and derivatives.
+
+    Returns:
+        Coefficients (q, 3, 3) of 1, s_1 and s_2 for each corner, and their derivatives
+        (q, 3, 3, 6) with respect to p.
+    """
+    values = np.concatenate([np.ones((len(p), 3, 1)), p], axis=2)  # monomials at each corner
+    inverse = np.linalg.inv(values)  # (q, monomial, corner)
+    rates = np.zeros((len(p), 3, 3, 6))
+    for corner in range(3):
+        for axis in range(2):
+            # d(inverse) = -inverse d(values) inverse; d(values) has one entry
+            change = -inverse[:, :, corner, None] * inverse[:, None, 1 + axis]
+            rates[..., 2 * corner + axis] = np.swapaxes(change, 1, 2)
+    return np.swapaxes(inverse, 1, 2), rates
+
+
+def _find_closest_points_on_triangles(points: Array, corners: Array) -> Array:
+    """Return the weights (q, 3) of the corners at the points of triangles closest to given points.
+
+    Args:
+        points: (q, 3), points in space.
+        corners: (q, 3, 3), corners of the triangles.
+    """
+    edges = corners[:, 1:] - corners[:, :1]
+    metric = edges @ np.swapaxes(edges, 1, 2)
+    right = np.einsum("qex,qx->qe", edges, points - corners[:, 0])
+    inner = np.linalg.solve(metric, right[:, :, None])[:, :, 0]
+    weights = np.column_stack([1 - inner.sum(axis=1), inner])
+    distance = np.where((weights >= 0).all(axis=1), -1.0, np.inf)
+    for i, j in ((0, 1), (1, 2), (2, 0)):  # closest points on the edges
+        start, edge = corners[:, i], corners[:, j] - corners[:, i]
+        t = np.sum((points - start) * edge, axis=1) / np.sum(edge**2, axis=1)
+        t = np.clip(t, 0.0, 1.0)
+        on_edge = np.linalg.norm(points - start - t[:, None] * edge, axis=1)
+        closer = on_edge < distance
+        weights[closer] = 0.0
+        weights[closer, i], weights[closer, j] = 1 - t[closer], t[closer]
+        distance = np.where(closer, on_edge, distance)
+    return weights
