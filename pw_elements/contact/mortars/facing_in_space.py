@@ -134,8 +134,13 @@ def _make_rules_on_intersections(slave: Array, master: Array) -> tuple[Array, Ar
                 crosses &= np.abs(np.where(crosses, parameter, 0.0) - 0.5) <= (
                     0.5 + _COORDINATE_TOLERANCE
                 )
-            points.append((slave[:, start] + np.where(crosses, s, 0.0)[:, None] * edge)[:, None])
-            exists.append(crosses[:, None])
+            crossing = (slave[:, start] + np.where(crosses, s, 0.0)[:, None] * edge)[:, None]
+            # round-off makes the crossings of almost parallel edges arbitrary
+            inside = (_barycentric_coordinates(master, crossing) >= -_COORDINATE_TOLERANCE).all(
+                axis=2
+            )
+            points.append(crossing)
+            exists.append(crosses[:, None] & inside)
     point, is_corner = np.concatenate(points, axis=1), np.concatenate(exists, axis=1)
     count = np.maximum(is_corner.sum(axis=1), 1)
     middle = np.where(is_corner[:, :, None], point, 0.0).sum(axis=1) / count[:, None]
