@@ -550,7 +550,7 @@ def make_invalid_pairs_and_bodies():
             replace(bodies.pair, surface=unspecified_surface),
             "revolved=True or False",
         ),
-        (bodies.residual, replace(bodies.pair, surface=coincident), "plane and in axisymmetry"),
+        (bodies.residual, replace(bodies.pair, surface=coincident), "small displacements only"),
     ], bodies
 
 

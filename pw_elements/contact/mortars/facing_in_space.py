@@ -183,7 +183,7 @@ def _average_normals_at_slave_nodes(sides: TriangulatedSides, x: Array) -> Array
         ],
         axis=1,
     )
-    return _normalise(np.where(sides.allowed_components, total, 0.0))
+    return _normalise(np.asarray(np.where(sides.allowed_components, total, 0.0), dtype=float))
 
 
 def _unit_normals(corners: Array) -> Array:

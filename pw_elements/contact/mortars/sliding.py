@@ -177,7 +177,8 @@ class LinearisedMortar:
             normals along each tangent.
         """
         n, t = self.normals, self.directions.tangents
-        normal_rates, tangents = self.directions.rates, np.swapaxes(t, 0, 1)
+        normal_rates = self.directions.rates
+        tangents: list[Array] = list(np.swapaxes(t, 0, 1))
         entering = self.faces_master & ~reference.is_facing_master
         # S_0 x - S x for nodes that faced the master at the start, S x for all other nodes
         distance = np.where(

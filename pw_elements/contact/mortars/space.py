@@ -129,9 +129,8 @@ class SpaceSlidingMortar(SlidingMortar):
         moments, moment_rates = _integrate_monomials_over_overlaps(p)
         covered = np.bincount(slave, moments[:, 0], minlength=len(self._slave_facets))[slave] * 2
         facing = (moments[:, 0] > 0) & (covered > MIN_FACING_FRACTION_OF_SLAVE_FACET)
-        slave, nodes, p, moments, moment_rates = (
-            values[facing] for values in (slave, nodes, p, moments, moment_rates)
-        )
+        slave, nodes = slave[facing], nodes[facing]
+        p, moments, moment_rates = p[facing], moments[facing], moment_rates[facing]
         p_rates, jacobian, jacobian_rates = _project_onto_slave_triangles(x[nodes])[1:]
         i, j = np.triu_indices(3)
         number = number_unique_products(3)
