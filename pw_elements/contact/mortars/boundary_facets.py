@@ -48,24 +48,24 @@ class BoundaryFacets:
     def _quadratic_facet_element(self) -> basix.finite_element.FiniteElement:
         return basix.create_element(
             basix.ElementFamily.P,
-            SUB_FACET_CELL_TYPE_BY_CORNER_COUNT[self._local_sub_facet_nodes.shape[1]],
+            SUB_FACET_CELL_TYPE_BY_CORNER_COUNT[self.local_sub_facet_nodes.shape[1]],
             2,
         )
 
     @cached_property
-    def _local_sub_facet_nodes(self) -> Indices:
+    def local_sub_facet_nodes(self) -> Indices:
         """Local nodes (number of sub-facets, k) of the sub-facets of one facet."""
         return np.array(_SUB_FACET_NODES_BY_NODE_COUNT[self.facet_nodes.shape[1]])
 
     @cached_property
     def sub_facet_nodes_corners_and_normals(self) -> tuple[Indices, Array, Array]:
         """Nodes (s, k), corners (s, k, dim) and outward unit normals (s, dim) of all sub-facets."""
-        count, k = self._local_sub_facet_nodes.shape
-        corners = self.facet_x[:, self._local_sub_facet_nodes].reshape(-1, k, self.space_dim)
+        count, k = self.local_sub_facet_nodes.shape
+        corners = self.facet_x[:, self.local_sub_facet_nodes].reshape(-1, k, self.space_dim)
         outward = np.repeat(self.facet_normals, count, axis=0)
         normal = compute_unoriented_cell_normals(corners)
         normal *= np.sign(np.sum(normal * outward, axis=1))[:, None]
-        return self.facet_nodes[:, self._local_sub_facet_nodes].reshape(-1, k), corners, normal
+        return self.facet_nodes[:, self.local_sub_facet_nodes].reshape(-1, k), corners, normal
 
     def evaluate_trial_functions(
         self, sub_facet: Indices, corner_shape_functions: Array
@@ -81,8 +81,8 @@ class BoundaryFacets:
             Nodes (q, n) of the facet that contains each point, and the values (q, n) of their trial
             functions at the point.
         """
-        facet, part = np.divmod(sub_facet, len(self._local_sub_facet_nodes))
-        corner_coordinates = self._quadratic_facet_element.points[self._local_sub_facet_nodes][part]
+        facet, part = np.divmod(sub_facet, len(self.local_sub_facet_nodes))
+        corner_coordinates = self._quadratic_facet_element.points[self.local_sub_facet_nodes][part]
         coordinates = np.einsum("qa,qab->qb", corner_shape_functions, corner_coordinates)
         values = np.zeros((len(sub_facet), self.facet_nodes.shape[1]))
         if len(sub_facet):  # Basix does not accept empty arrays
@@ -96,7 +96,7 @@ class BoundaryFacets:
             sub_facet: (q,), index of the sub-facet that contains each point.
             trial_function_values: (q, n), values of the facet's trial functions at each point.
         """
-        facet_x = self.facet_x[sub_facet // len(self._local_sub_facet_nodes)]
+        facet_x = self.facet_x[sub_facet // len(self.local_sub_facet_nodes)]
         return np.einsum("qk,qkd->qd", trial_function_values, facet_x)
 
     @cached_property

@@ -146,7 +146,16 @@ def evaluate_mortar_matrices(sides: MortarSides, x: Array) -> MortarMatrices:
     master_weights = np.stack([1 - master_s, master_s], axis=1)
     mixed_products = np.einsum("qg,qig,qkg->qik", measure, weights, master_weights)
     return assemble_mortar_matrices(
-        normals, f, facet, slave_nodes, master_nodes, slave_products, mixed_products, len(x)
+        normals,
+        f,
+        facet,
+        slave_nodes,
+        master_nodes,
+        slave_products,
+        mixed_products,
+        np.concatenate([slave_nodes, master_nodes], axis=1),
+        np.concatenate([slave_products, -mixed_products], axis=2),
+        len(x),
     )
 
 
@@ -158,6 +167,8 @@ def assemble_mortar_matrices(
     master_nodes: Indices,
     slave_products: Array,
     mixed_products: Array,
+    distance_nodes: Indices,
+    distance_products: Array,
     n_nodes: int,
 ) -> MortarMatrices:
     """Assemble the mortar matrices from the integrals over q facing parts.
@@ -173,6 +184,9 @@ def assemble_mortar_matrices(
         slave_products: (q, k, k), integrals of products of two weight functions of the slave.
         mixed_products: (q, k, k), integrals of a weight function of the slave times one of the
             master.
+        distance_nodes: (q, a), nodes by which the distance of both sides is interpolated.
+        distance_products: (q, k, a), integrals of a weight function of the slave times the factor
+            of each of these nodes in the distance of the slave from the master.
         n_nodes: number n of nodes of both sides.
     """
     m, k = len(normals), slave_nodes.shape[1]
@@ -190,9 +204,8 @@ def assemble_mortar_matrices(
     np.maximum.at(fraction_error, slave_nodes, loss[facet][:, None])
     fractions = duals[facet] @ mixed_products / areas[slave_nodes][:, :, None]
     scale = sp.diags_array(1 / np.where(areas > 0, areas, 1.0))
-    distance_rows = scale @ (
-        _sum_blocks_into_matrix(slave_products, slave_nodes, slave_nodes, (m, n_nodes))
-        - _sum_blocks_into_matrix(mixed_products, slave_nodes, master_nodes, (m, n_nodes))
+    distance_rows = scale @ _sum_blocks_into_matrix(
+        distance_products, slave_nodes, distance_nodes, (m, n_nodes)
     )
     master_fractions = _sum_blocks_into_matrix(
         fractions, slave_nodes, master_nodes - m, (m, n_nodes - m)
@@ -203,7 +216,7 @@ def assemble_mortar_matrices(
 def _sum_blocks_into_matrix(
     blocks: Array, rows: Indices, columns: Indices, shape: tuple[int, int]
 ) -> sp.csr_array:
-    """Return the sparse matrix with blocks (q, k, k) at rows (q, k) and columns (q, k).
+    """Return the sparse matrix with blocks (q, k, a) at rows (q, k) and columns (q, a).
 
     Entries at the same position are summed.
     """

@@ -6,12 +6,13 @@ strains"). The module shares no code with `space`, whose integrals are used in t
 A triangle of the master is projected onto the plane of a triangle of the slave along the latter's
 normal. The corners of the intersection are among the corners of both triangles and the points at
 which their edges cross. Taken in the order of their angle around their mean position, they divide
-the intersection into triangles, on which the midpoints of edges integrate quadratic functions
-exactly.
+the intersection into triangles, on which a quadrature rule is exact for the integrands. Distances are
+measured between the curved facets, to which the triangles belong, by their quadratic functions.
 """
 
 from dataclasses import dataclass
 
+import basix
 import numpy as np
 
 from pw_elements.arrays import Array, Indices, Mask
@@ -26,6 +27,8 @@ _MIN_FACING_FRACTION_OF_SLAVE_TRIANGLE = 1e-6
 _COORDINATE_TOLERANCE = 1e-13
 # Number of distances between triangles that are computed at once, to limit memory
 _MAX_DISTANCES_AT_ONCE = 1_000_000
+# Degree of a weight function times a quadratic function
+_INTEGRAND_DEGREE = 3
 # Corners at both ends of each edge of a triangle
 _EDGE_ENDS = np.array([[0, 1], [1, 2], [2, 0]])
 
@@ -41,11 +44,20 @@ class TriangulatedSides:
         master_triangles: (e, 3), corners of the master's triangles, in the same order.
         allowed_components: (m, 3), mask of the components in which normals at the slave's nodes may
             be nonzero.
+        slave_facets: (f / 4, 6), nodes of the slave's facets, each of which consists of four
+            triangles in turn; vertices first, then the middles of the edges (1, 2), (0, 2), (0, 1).
+        master_facets: (e / 4, 6), nodes of the master's facets.
+        slave_corners: (f, 3), corners of the slave's triangles as local nodes of their facets.
+        master_corners: (e, 3), corners of the master's triangles as local nodes of their facets.
     """
 
     slave_triangles: Indices
     master_triangles: Indices
     allowed_components: Mask
+    slave_facets: Indices
+    master_facets: Indices
+    slave_corners: Indices
+    master_corners: Indices
 
 
 def evaluate_mortar_matrices_in_space(sides: TriangulatedSides, x: Array) -> MortarMatrices:
@@ -66,8 +78,14 @@ def evaluate_mortar_matrices_in_space(sides: TriangulatedSides, x: Array) -> Mor
     )
     covered = np.bincount(slave, area, minlength=len(sides.slave_triangles))[slave] / (size / 2)
     facing = (area > 0) & (covered > _MIN_FACING_FRACTION_OF_SLAVE_TRIANGLE)
-    slave, master, weights, slave_functions, master_functions = (
-        values[facing] for values in (slave, master, weights, slave_functions, master_functions)
+    slave, master, weights = slave[facing], master[facing], weights[facing]
+    slave_functions, master_functions = slave_functions[facing], master_functions[facing]
+    distance_functions = np.concatenate(
+        [
+            _evaluate_quadratic_functions(sides.slave_corners[slave], slave_functions),
+            -_evaluate_quadratic_functions(sides.master_corners[master], master_functions),
+        ],
+        axis=2,
     )
     return assemble_mortar_matrices(
         _average_normals_at_slave_nodes(sides, x),
@@ -77,6 +95,8 @@ def evaluate_mortar_matrices_in_space(sides: TriangulatedSides, x: Array) -> Mor
         sides.master_triangles[master],
         np.einsum("qg,qgi,qgj->qij", weights, slave_functions, slave_functions),
         np.einsum("qg,qgi,qgk->qik", weights, slave_functions, master_functions),
+        np.concatenate([sides.slave_facets[slave // 4], sides.master_facets[master // 4]], axis=1),
+        np.einsum("qg,qgi,qga->qia", weights, slave_functions, distance_functions),
         len(x),
     )
 
@@ -154,9 +174,24 @@ def _make_rules_on_intersections(slave: Array, master: Array) -> tuple[Array, Ar
     ordered = np.where(is_used[:, :, None], ordered, first)
     following = np.roll(ordered, -1, axis=1)
     area = np.maximum(_cross(ordered, following), 0.0) / 2
-    # the midpoints of the edges from the middle to both ends, and of the edge between these
-    rule = [middle[:, None] + v for v in (ordered / 2, following / 2, (ordered + following) / 2)]
-    return np.concatenate(rule, axis=1), np.tile(area / 3, (1, 3))
+    rule_points, rule_weights = basix.make_quadrature(basix.CellType.triangle, _INTEGRAND_DEGREE)
+    rule = [middle[:, None] + s * ordered + t * following for s, t in rule_points]
+    weights = [2 * weight * area for weight in rule_weights]
+    return np.concatenate(rule, axis=1), np.concatenate(weights, axis=1)
+
+
+def _evaluate_quadratic_functions(corners: Indices, weights: Array) -> Array:
+    """Return the six quadratic functions (q, g, 6) of facets at points of their triangles.
+
+    Args:
+        corners: (q, 3), corners of the triangles as local nodes of their facets.
+        weights: (q, g, 3), weights of the corners at the points.
+    """
+    # barycentric coordinates of the six nodes of a facet
+    nodes = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0.5, 0.5], [0.5, 0, 0.5], [0.5, 0.5, 0]])
+    a, b, c = np.moveaxis(np.einsum("qgi,qix->qgx", weights, nodes[corners]), 2, 0)
+    vertices = [v * (2 * v - 1) for v in (a, b, c)]
+    return np.stack([*vertices, 4 * b * c, 4 * a * c, 4 * a * b], axis=2)
 
 
 def _barycentric_coordinates(corners: Array, points: Array) -> Array:

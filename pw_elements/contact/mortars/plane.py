@@ -144,6 +144,9 @@ class PlaneSlidingMortar(SlidingMortar):
             *stack_values_and_derivatives(W),
             mixed.reshape(-1, 2, 2),
             mixed_rate.reshape(-1, 2, 2, 12),
+            np.zeros((len(facet), 0), dtype=np.int64),
+            np.zeros((len(facet), 2, 0)),
+            np.zeros((len(facet), 2, 0, 12)),
         )
 
     def _find_closest_master_points(self, x: Array) -> tuple[Indices, Array]:

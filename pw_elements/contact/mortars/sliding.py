@@ -7,8 +7,11 @@ master. With the integrals over the parts of the slave's facets that face the ma
 
     D_ji = integral of w_j w_i,   M_jk = integral of w_j w_k,   A_j = integral of w_j,
 
-the mean distance of slave nodes at x_1 from the master's nodes at x_2 is (D x_1 - M x_2) / A. It is
-written S x, with a matrix S and the positions x of all nodes. With the normal n and the tangents t,
+the mean distance of slave nodes at x_1 from the master's nodes at x_2 is (D x_1 - M x_2) / A. In
+space, distances are measured between the curved quadratic facets: the same integrals of bubble
+functions, products of two weight functions, are added, times the second differences of positions
+along the edges of the facets (`space`). The mean distance is written S x, with a matrix S and the
+positions x of all nodes. With the normal n and the tangents t,
 the gap of a slave node is n·S x. Its slip since the start of the increment, where S was S_0, is
 t·(S_0 - S) x. A node that did not face the master at the start has no S_0. Its slip is
 t·(S x - R d_0), where d_0 is the tangential part of S x_0 with the positions x_0 and the normal n_0
@@ -73,6 +76,11 @@ class FacingParts:
         mixed_products: (q, k, k), integrals of a weight function of the slave times one of the
             master.
         mixed_products_rate: (q, k, k, p d), their derivatives.
+        bubbles: (q, b), numbers of the second differences along edges by which the curved facets
+            differ from the parts; b = 0 if distances are measured between flat facets.
+        bubble_products: (q, k, b), integrals of a weight function of the slave times the factor of
+            each second difference in the distance of the slave from the master.
+        bubble_products_rate: (q, k, b, p d), their derivatives.
     """
 
     slave_facet: Indices
@@ -83,6 +91,9 @@ class FacingParts:
     slave_products_rate: Array
     mixed_products: Array
     mixed_products_rate: Array
+    bubbles: Indices
+    bubble_products: Array
+    bubble_products_rate: Array
 
 
 @dataclass(frozen=True)
@@ -273,6 +284,8 @@ class SlidingMortar(ABC):
         self.n_slave_nodes = len(slave.nodes)
         self._slave_facets, self._master_facets = slave_facets, master_facets + self.n_slave_nodes
         self.allowed_components = np.ones((self.n_slave_nodes, self.x.shape[1]), dtype=bool)
+        # matrix that turns nodal values into second differences along the edges of curved facets
+        self._second_differences = sp.csr_array((0, len(self.x)))
 
     @abstractmethod
     def evaluate_mortar_matrices_independently(self, x: Array) -> MortarMatrices:
@@ -380,6 +393,13 @@ class SlidingMortar(ABC):
         distance_rows = sp.diags_array(inverse_area) @ (
             sum_into_matrix(D, slave_nodes[:, :, None], slave_nodes[:, None], (m, n))
             - sum_into_matrix(Q, slave_nodes[:, :, None], master_nodes[:, None], (m, n))
+            + sum_into_matrix(
+                parts.bubble_products,
+                slave_nodes[:, :, None],
+                parts.bubbles[:, None],
+                (m, self._second_differences.shape[0]),
+            )
+            @ self._second_differences
         )
         mean_distance = distance_rows @ x
 
@@ -391,6 +411,11 @@ class SlidingMortar(ABC):
             )
             derivative = np.einsum("qjic,qjix->qjxc", dD, difference)
             derivative -= np.einsum("qjkc,qkx->qjxc", dQ, constant_nodal_values[master_nodes])
+            derivative += np.einsum(
+                "qjbc,qbx->qjxc",
+                parts.bubble_products_rate,
+                (self._second_differences @ constant_nodal_values)[parts.bubbles],
+            )
             row = (dim * slave_nodes[:, :, None] + axis)[..., None]
             derivative = derivative * inverse_area[slave_nodes][:, :, None, None]
             return sum_into_matrix(derivative, row, dofs[:, None, None], (dim * m, dim * n))

@@ -7,6 +7,15 @@ corner, so that its weight functions are 1 - s_1 - s_2, s_1 and s_2. The corners
 the master are at projected coordinates, too; the intersection of both triangles is a polygon, over
 which the products of weight functions are integrated exactly.
 
+Distances are measured between the curved quadratic facets. On a triangle with the weight functions
+w_a, a quadratic function f differs from its linear interpolation by
+
+    -1/2 sum over edges of w_a w_b B_ab,
+
+where B_ab is the second difference of f along the edge ab. The edges of all four triangles of a
+facet are parallel to the edges of the facet, so that B_ab = f_p - 2 f_m + f_q with the ends p, q
+and the middle m of the parallel edge.
+
 A polygon and all integrals over it depend on the nine nodes' coordinates only through the six
 coordinates p and the area of the slave's triangle. Therefore the derivatives are first computed
 with respect to p, and then multiplied by the derivative of p.
@@ -33,7 +42,6 @@ from pw_elements.contact.mortars.sliding import (
     FacingParts,
     NormalsWithDerivatives,
     SlidingMortar,
-    number_unique_products,
     sum_into_matrix,
 )
 
@@ -42,15 +50,29 @@ from pw_elements.contact.mortars.sliding import (
 _TIE_BREAKING_SHIFT = np.array([0.83e-11, 0.47e-11])
 # Largest number of corners of the intersection of two triangles
 _MAX_POLYGON_CORNERS = 6
-# Two-point Gauss rule on [0, 1], exact for the cubics that are integrated along edges
-_GAUSS_POINTS = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3)
-_GAUSS_WEIGHTS = np.array([0.5, 0.5])
+# Three-point Gauss rule on [0, 1], exact for the polynomials that are integrated along edges
+_GAUSS_POINTS = 0.5 + np.sqrt(0.15) * np.array([-1.0, 0.0, 1.0])
+_GAUSS_WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18
 # Weight functions of a triangle's corners, as coefficients of 1, s_1 and s_2
 _WEIGHT_FUNCTION_COEFFICIENTS = np.array([[1.0, -1.0, -1.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-# Exponents of s_1 and s_2 in the monomials 1, s_1, s_2, s_1^2, s_1 s_2 and s_2^2; number of the
-# product of two of the first three
-_MONOMIAL_EXPONENTS = np.array([[0, 0], [1, 0], [0, 1], [2, 0], [1, 1], [0, 2]])
-_PRODUCT_OF_MONOMIALS = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
+# Exponents of s_1 and s_2 in the monomials of degree 0 to 3
+_MONOMIAL_EXPONENTS = np.array([[d - j, j] for d in range(4) for j in range(d + 1)])
+# Corners at the ends of the edge opposite to each corner of a triangle
+_EDGE_ENDS = np.array([[1, 2], [2, 0], [0, 1]])
+# Ends and middle of the edges of a facet with six nodes; edge of the facet that is parallel to the
+# connection of two of its nodes
+_FACET_EDGES = np.array([[1, 3, 2], [0, 4, 2], [0, 5, 1]])
+_PARALLEL_FACET_EDGE = {
+    frozenset(nodes): edge
+    for edge, connections in enumerate(
+        (
+            ((1, 3), (3, 2), (4, 5)),
+            ((0, 4), (4, 2), (3, 5)),
+            ((0, 5), (5, 1), (3, 4)),
+        )
+    )
+    for nodes in connections
+}
 
 
 class SpaceSlidingMortar(SlidingMortar):
@@ -64,8 +86,27 @@ class SpaceSlidingMortar(SlidingMortar):
     """
 
     def __init__(self, slave: BoundaryFacets, master: BoundaryFacets) -> None:
-        super().__init__(
-            slave, master, _orient_triangles_outwards(slave), _orient_triangles_outwards(master)
+        triangles = [_orient_triangles_outwards(side) for side in (slave, master)]
+        super().__init__(slave, master, *(corners for corners, _ in triangles))
+        self._local_corners = [local for _, local in triangles]
+        facet_nodes = [
+            np.searchsorted(side.nodes, side.facet_nodes) + first
+            for side, first in ((slave, 0), (master, self.n_slave_nodes))
+        ]
+        self._facet_nodes = facet_nodes
+        # number of the second difference along each edge of each triangle
+        n_slave_bubbles = 3 * len(facet_nodes[0])
+        self._slave_bubbles, self._master_bubbles = (
+            _number_parallel_edges(local) + first
+            for local, first in zip(self._local_corners, (0, n_slave_bubbles), strict=True)
+        )
+        ends_and_middles = np.concatenate(facet_nodes)[:, _FACET_EDGES].reshape(-1, 3)
+        number = np.arange(len(ends_and_middles))[:, None]
+        self._second_differences = sum_into_matrix(
+            np.broadcast_to([1.0, -2.0, 1.0], ends_and_middles.shape),
+            number,
+            ends_and_middles,
+            (len(number), len(self.x)),
         )
         sides = self._master_facets[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
         edges, count = np.unique(np.sort(sides, axis=1), axis=0, return_counts=True)
@@ -74,7 +115,13 @@ class SpaceSlidingMortar(SlidingMortar):
     @property
     def sides(self) -> TriangulatedSides:
         """Triangles of both sides and allowed components of normals, independent of the state."""
-        return TriangulatedSides(self._slave_facets, self._master_facets, self.allowed_components)
+        return TriangulatedSides(
+            self._slave_facets,
+            self._master_facets,
+            self.allowed_components,
+            *self._facet_nodes,
+            *self._local_corners,
+        )
 
     def evaluate_mortar_matrices_independently(self, x: Array) -> MortarMatrices:
         return evaluate_mortar_matrices_in_space(self.sides, x)
@@ -125,45 +172,68 @@ class SpaceSlidingMortar(SlidingMortar):
             & (p.min(axis=1) <= 1).all(axis=1)
             & (p.sum(axis=2).min(axis=1) <= 1)
         )
-        slave, nodes, p = slave[overlaps], nodes[overlaps], p[overlaps]
+        slave, master, nodes, p = (
+            slave[overlaps],
+            master[overlaps],
+            nodes[overlaps],
+            p[overlaps],
+        )
         moments, moment_rates = _integrate_monomials_over_overlaps(p)
         covered = np.bincount(slave, moments[:, 0], minlength=len(self._slave_facets))[slave] * 2
         facing = (moments[:, 0] > 0) & (covered > MIN_FACING_FRACTION_OF_SLAVE_FACET)
-        slave, nodes = slave[facing], nodes[facing]
+        slave, master, nodes = slave[facing], master[facing], nodes[facing]
         p, moments, moment_rates = p[facing], moments[facing], moment_rates[facing]
         p_rates, jacobian, jacobian_rates = _project_onto_slave_triangles(x[nodes])[1:]
         i, j = np.triu_indices(3)
-        number = number_unique_products(3)
-        assert np.array_equal(number[i, j], np.arange(len(i)))
-        slave_products = _combine_moments(_WEIGHT_FUNCTION_COEFFICIENTS)[i, j]
-        # integrals in edge coordinates, and derivatives with respect to p
+        W, ends = _WEIGHT_FUNCTION_COEFFICIENTS, _EDGE_ENDS
+        # integrals over the polygons in edge coordinates, and derivatives with respect to p
+        slave_products = np.einsum("ia,ib,abcv,c->iv", W[i], W[j], _CUBIC_MONOMIALS, _CONSTANT)
         D, dD = moments @ slave_products.T, slave_products @ moment_rates
-        coefficients, coefficient_rates = _find_weight_functions_of_projected_triangles(p)
-        by_coefficient = np.einsum(
-            "ia,abv,qv->qib", _WEIGHT_FUNCTION_COEFFICIENTS, _MOMENT_OF_PRODUCT, moments
+        slave_bubble_products = np.einsum(
+            "ia,eb,ec,abcv->iev", W, W[ends[:, 0]], W[ends[:, 1]], _CUBIC_MONOMIALS
         )
-        M = by_coefficient @ np.swapaxes(coefficients, 1, 2)
-        dM = np.einsum("qib,qkbc->qikc", by_coefficient, coefficient_rates)
-        dM += np.einsum(
-            "ia,abv,qkb,qvc->qikc",
-            _WEIGHT_FUNCTION_COEFFICIENTS,
-            _MOMENT_OF_PRODUCT,
-            coefficients,
-            moment_rates,
-            optimize=True,
+        slave_bubble = np.einsum("iev,qv->qie", slave_bubble_products, moments)
+        slave_bubble_rate = np.einsum("iev,qvz->qiez", slave_bubble_products, moment_rates)
+        # integrals of a weight function of the slave times products of two monomials
+        by_monomials = np.einsum("ia,abcv->ibcv", W, _CUBIC_MONOMIALS).reshape(27, -1)
+        A = (moments @ by_monomials.T).reshape(-1, 3, 3, 3)
+        dA = (by_monomials @ moment_rates).reshape(-1, 3, 3, 3, 6)
+        c, dc = _find_weight_functions_of_projected_triangles(p)
+        M = A[:, :, :, 0] @ np.swapaxes(c, 1, 2)
+        dM = np.einsum("qib,qkbz->qikz", A[:, :, :, 0], dc)
+        dM += np.einsum("qkb,qibz->qikz", c, dA[:, :, :, 0])
+        first, second = c[:, ends[:, 0]], c[:, ends[:, 1]]
+        A_second = np.einsum("qibc,qec->qieb", A, second)
+        master_bubble = np.einsum("qieb,qeb->qie", A_second, first)
+        master_bubble_rate = np.einsum("qieb,qebz->qiez", A_second, dc[:, ends[:, 0]])
+        master_bubble_rate += np.einsum(
+            "qiec,qecz->qiez", np.einsum("qibc,qeb->qiec", A, first), dc[:, ends[:, 1]]
         )
-        J = jacobian[:, None]
-        q = len(slave)
+        outer = first[:, :, :, None] * second[:, :, None]
+        master_bubble_rate += outer.reshape(-1, 1, 3, 9) @ dA.reshape(-1, 3, 9, 6)
+        bubble = np.concatenate([-slave_bubble, master_bubble], axis=2) / 2
+        bubble_rate = np.concatenate([-slave_bubble_rate, master_bubble_rate], axis=2) / 2
+
+        def per_area(values: Array, rates: Array) -> tuple[Array, Array]:
+            """Return integrals over the areas in space, and derivatives by the corners."""
+            shape = values.shape
+            values, rates = values.reshape(shape[0], -1), rates.reshape(shape[0], -1, 6)
+            by_corners = (rates @ p_rates) * jacobian[:, None, None]
+            by_corners += values[:, :, None] * jacobian_rates[:, None]
+            return (values * jacobian[:, None]).reshape(shape), by_corners.reshape(*shape, 18)
+
         return FacingParts(
             slave,
             nodes[:, :3],
             nodes[:, 3:],
             nodes,
-            D * J,
-            (dD @ p_rates) * J[:, :, None] + D[:, :, None] * jacobian_rates[:, None],
-            M * J[:, :, None],
-            (dM.reshape(q, 9, 6) @ p_rates).reshape(q, 3, 3, 18) * J[:, :, None, None]
-            + M[..., None] * jacobian_rates[:, None, None],
+            *per_area(D, dD),
+            *per_area(M, dM),
+            # the master's corners are in reversed order
+            np.concatenate(
+                [self._slave_bubbles[slave], self._master_bubbles[master][:, ::-1]], axis=1
+            ),
+            *per_area(bubble, bubble_rate),
         )
 
     def _find_near_facing_facet_pairs(self, x: Array) -> tuple[Indices, Indices]:
@@ -216,35 +286,51 @@ class SpaceSlidingMortar(SlidingMortar):
         return on_rim | at_corner.any(axis=1)
 
 
-def _multiply_linear_functions_to_moments() -> Array:
-    """Return the array (3, 3, 6) that selects the monomial which is the product of two of three."""
-    selection = np.zeros((3, 3, 6))
-    a, b = np.indices((3, 3))
-    selection[a, b, _PRODUCT_OF_MONOMIALS] = 1.0
+def _select_products_of_linear_monomials() -> Array:
+    """Return the array (3, 3, 3, 10) of monomials that are the product of three of 1, s_1, s_2."""
+    exponents, selection = _MONOMIAL_EXPONENTS, np.zeros((3, 3, 3, len(_MONOMIAL_EXPONENTS)))
+    for a, b, c in np.ndindex(3, 3, 3):
+        total = exponents[a] + exponents[b] + exponents[c]
+        selection[a, b, c, (exponents == total).all(axis=1)] = 1.0
     return selection
 
 
-_MOMENT_OF_PRODUCT = _multiply_linear_functions_to_moments()
+_CUBIC_MONOMIALS = _select_products_of_linear_monomials()
+_CONSTANT = np.array([1.0, 0.0, 0.0])  # the monomial 1 among 1, s_1 and s_2
 
 
-def _combine_moments(coefficients: Array) -> Array:
-    """Return the factors (k, k, 6) of moments in the integrals of products of k linear functions.
+def _number_parallel_edges(local_corners: Indices) -> Indices:
+    """Return numbers (f, 3) of the facet edges parallel to the edges of sub-triangles.
 
-    The coefficients (k, 3) are those of 1, s_1 and s_2.
+    The edges of a triangle are in the order of `_EDGE_ENDS`. The three edges of facet i, which has
+    the triangles 4 i to 4 i + 3, have the numbers 3 i to 3 i + 2.
+
+    Args:
+        local_corners: (f, 3), corners of the triangles as local nodes of their facets.
     """
-    return np.einsum("ia,jb,abv->ijv", coefficients, coefficients, _MOMENT_OF_PRODUCT)
+    edge = np.array(
+        [
+            [_PARALLEL_FACET_EDGE[frozenset(corners[ends].tolist())] for ends in _EDGE_ENDS]
+            for corners in local_corners
+        ]
+    )
+    return 3 * (np.arange(len(edge)) // 4)[:, None] + edge
 
 
-def _orient_triangles_outwards(boundary_facets: BoundaryFacets) -> Indices:
-    """Return the corners (f, 3) of each sub-triangle, as indices into `boundary_facets.nodes`.
+def _orient_triangles_outwards(boundary_facets: BoundaryFacets) -> tuple[Indices, Indices]:
+    """Return the corners of each sub-triangle, anticlockwise if seen from outside of the body.
 
-    Seen from outside of the body, they run anticlockwise.
+    Returns:
+        Corners (f, 3) as indices into `boundary_facets.nodes`, and as local nodes of the facets.
     """
     nodes, corners, outward = boundary_facets.sub_facet_nodes_corners_and_normals
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    is_outward = np.sum(normal * outward, axis=1) > 0
+    is_outward = (np.sum(normal * outward, axis=1) > 0)[:, None]
     index = np.searchsorted(boundary_facets.nodes, nodes)
-    return np.where(is_outward[:, None], index, index[:, [0, 2, 1]])
+    local = np.tile(boundary_facets.local_sub_facet_nodes, (len(boundary_facets.facet_nodes), 1))
+    return tuple(  # type: ignore[return-value]
+        np.where(is_outward, numbers, numbers[:, [0, 2, 1]]) for numbers in (index, local)
+    )
 
 
 def _measure_triangles(corners: Array) -> tuple[Array, Array, Array]:
@@ -305,17 +391,18 @@ def _project_onto_slave_triangles(corners: Array) -> tuple[Array, Array, Array, 
 
 
 def _integrate_monomials_over_overlaps(p: Array) -> tuple[Array, Array]:
-    """Integrate the monomials 1, s_1, s_2, s_1^2, s_1 s_2 and s_2^2 over polygons.
+    """Integrate the monomials of s_1 and s_2 up to degree 3 over polygons.
 
     A polygon is the intersection of the unit triangle, with the corners (0, 0), (1, 0) and (0, 1),
     and a triangle with the corners p (q, 3, 2), which run anticlockwise.
 
     Returns:
-        The integrals (q, 6), and their derivatives (q, 6, 6) with respect to p.
+        The integrals (q, 10), and their derivatives (q, 10, 6) with respect to p.
     """
     corner, rate, count = _intersect_with_unit_triangle(p)
     q = len(p)
-    moments, moment_rates = np.zeros((q, 6)), np.zeros((q, 6, 6))
+    n_monomials = len(_MONOMIAL_EXPONENTS)
+    moments, moment_rates = np.zeros((q, n_monomials)), np.zeros((q, n_monomials, 6))
     row = np.arange(q)
     degree = _MONOMIAL_EXPONENTS.sum(axis=1)
     for k in range(_MAX_POLYGON_CORNERS):
