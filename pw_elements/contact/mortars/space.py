@@ -167,10 +167,11 @@ class SpaceSlidingMortar(SlidingMortar):
             [self._slave_facets[slave], self._master_facets[master][:, ::-1]], axis=1
         )
         p = _project_onto_slave_triangles(x[nodes])[0]
+        shifted = p + _TIE_BREAKING_SHIFT
         overlaps = (
-            (p.max(axis=1) >= 0).all(axis=1)
-            & (p.min(axis=1) <= 1).all(axis=1)
-            & (p.sum(axis=2).min(axis=1) <= 1)
+            (shifted.max(axis=1) >= 0).all(axis=1)
+            & (shifted.min(axis=1) <= 1).all(axis=1)
+            & (shifted.sum(axis=2).min(axis=1) <= 1)
         )
         slave, master, nodes, p = (
             slave[overlaps],
@@ -178,9 +179,10 @@ class SpaceSlidingMortar(SlidingMortar):
             nodes[overlaps],
             p[overlaps],
         )
-        moments, moment_rates = _integrate_monomials_over_overlaps(p)
+        moments, moment_rates, is_polygon = _integrate_monomials_over_overlaps(p)
         covered = np.bincount(slave, moments[:, 0], minlength=len(self._slave_facets))[slave] * 2
-        facing = (moments[:, 0] > 0) & (covered > MIN_FACING_FRACTION_OF_SLAVE_FACET)
+        # polygons without area count, as they grow in the direction to which derivatives belong
+        facing = is_polygon & (covered > MIN_FACING_FRACTION_OF_SLAVE_FACET)
         slave, master, nodes = slave[facing], master[facing], nodes[facing]
         p, moments, moment_rates = p[facing], moments[facing], moment_rates[facing]
         p_rates, jacobian, jacobian_rates = _project_onto_slave_triangles(x[nodes])[1:]
@@ -390,14 +392,15 @@ def _project_onto_slave_triangles(corners: Array) -> tuple[Array, Array, Array, 
     return p, rates.reshape(q, 6, 18), jacobian, jacobian_rates.reshape(q, 18)
 
 
-def _integrate_monomials_over_overlaps(p: Array) -> tuple[Array, Array]:
+def _integrate_monomials_over_overlaps(p: Array) -> tuple[Array, Array, Mask]:
     """Integrate the monomials of s_1 and s_2 up to degree 3 over polygons.
 
     A polygon is the intersection of the unit triangle, with the corners (0, 0), (1, 0) and (0, 1),
     and a triangle with the corners p (q, 3, 2), which run anticlockwise.
 
     Returns:
-        The integrals (q, 10), and their derivatives (q, 10, 6) with respect to p.
+        The integrals (q, 10), their derivatives (q, 10, 6) with respect to p, and a mask (q,) of
+        the polygons that are not empty.
     """
     corner, rate, count = _intersect_with_unit_triangle(p)
     q = len(p)
@@ -424,7 +427,7 @@ def _integrate_monomials_over_overlaps(p: Array) -> tuple[Array, Array]:
             moments += weight * values * cross[:, None] / (degree + 2)
             sweep = (1 - t) * sweeps[0] + t * sweeps[1]
             moment_rates += weight * values[:, :, None] * sweep[:, None]
-    return moments, moment_rates
+    return moments, moment_rates, count > 0
 
 
 def _intersect_with_unit_triangle(p: Array) -> tuple[Array, Array, Indices]:
