@@ -19,9 +19,10 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
+from scipy.linalg import lapack
 
 from pw_elements._compat import is_petsc_option_used
-from pw_elements.arrays import Indices
+from pw_elements.arrays import Array, Indices
 from pw_elements.checks import (
     arguments,
     check_same_arguments_on_all_processes,
@@ -35,9 +36,21 @@ PetscOptions: TypeAlias = Mapping[str, str | int | float | bool]
 # the condition number times round-off; fewer than four digits of a solution would be correct above
 # this limit
 _MAX_RELATIVE_ERROR_OF_KNOWN_SOLUTION = 1e-4
-# Correction of factors for changed rows: largest condition number of the correction's small dense
-# matrix; largest residual of A x = b, relative to |A| |x| + |b|, that may be due to round-off; and
-# largest number of steps of iterative refinement
+# Correction of factors for changed rows by columns of the inverse. Number of columns that take as
+# much CPU time as a factorisation, divided by the ratio of their numbers of operations. With one
+# thread it was 0.7 to 1.4 in space (1600 to 27 000 unknowns) and 0.9 to 3 in the plane (400 to
+# 100 000 unknowns) if all columns of a contact surface are computed at once
+_COLUMNS_PER_FACTORISATION_BY_OPERATIONS = 0.7
+# Largest number of factorisations that take as much time as all columns since the last one; and as
+# few new columns, which are computed even if all columns have taken more
+_MAX_FACTORISATIONS_FOR_ALL_COLUMNS = 2.0
+_MAX_FACTORISATIONS_FOR_FEW_COLUMNS = 1 / 3
+# Number of columns that MUMPS computes together (ICNTL(27)). In space, a column takes 20 % more
+# time with MUMPS' own choice, and the same time with 64
+_COLUMNS_PER_BLOCK = 128
+# Largest condition number of the correction's small dense matrix; largest residual of A x = b,
+# relative to |A| |x| + |b|, that may be due to round-off; and largest number of steps of iterative
+# refinement
 _MAX_CONDITION_OF_ROW_CORRECTION = 1e8
 _RELATIVE_RESIDUAL_ROUND_OFF = 10 * float(np.finfo(float).eps)
 _MAX_ITERATIVE_REFINEMENT_STEPS = 4
@@ -290,7 +303,9 @@ class FactorisedSolver:
             factor = self._preconditioner.getFactorMatrix()
             factor.setMumpsIcntl(24, 1)  # count null pivots instead of dividing by them
             factor.setMumpsIcntl(33, 1)  # compute the determinant
-            if _is_minimum_degree_ordering_faster(matrix):  # an option of the user replaces it
+            # options of the user replace these two
+            factor.setMumpsIcntl(27, _COLUMNS_PER_BLOCK)
+            if _is_minimum_degree_ordering_faster(matrix):
                 factor.setMumpsIcntl(7, _MINIMUM_DEGREE_ORDERING)
 
     @property
@@ -319,7 +334,7 @@ class FactorisedSolver:
         if self._has_failed:  # PETSc keeps the error of an analysis that failed because of NaN
             self.set_matrix(self._matrix)
         self._preconditioner.setReusePreconditioner(False)
-        self._max_changed_rows = 0.0
+        self._max_stored_columns = self._columns_per_factorisation = 0.0
         self._inverse_columns: list[PETSc.Mat] = []
         self._changed_rows: Indices = np.empty(0, dtype=PETSc.IntType)  # of all processes
         start, comm = perf_counter(), self._matrix.comm.tompi4py()
@@ -337,7 +352,10 @@ class FactorisedSolver:
             factor = self._preconditioner.getFactorMatrix()
             operations, entries = factor.getMumpsRinfog(3), factor.getMumpsInfog(29)
             entries = entries if entries > 0 else -1e6 * entries  # negative numbers are in millions
-            self._max_changed_rows = min(operations / (2 * entries), entries / (2 * n))
+            self._max_stored_columns = entries / (2 * n)
+            self._columns_per_factorisation = (
+                _COLUMNS_PER_FACTORISATION_BY_OPERATIONS * operations / (2 * entries)
+            )
             self._factors_sign = int(np.sign(factor.getMumpsRinfog(12)))
             self._determinant_signs.append(self._factors_sign)
 
@@ -360,7 +378,7 @@ class FactorisedSolver:
         """
         A, comm = self._matrix, self._matrix.comm.tompi4py()
         new_rows = np.setdiff1d(np.concatenate(comm.allgather(rows)), self._changed_rows)
-        if len(self._changed_rows) + len(new_rows) > self._max_changed_rows:
+        if self._is_factorisation_cheaper_than_columns(len(new_rows)):
             return None
         self._preconditioner.setReusePreconditioner(True)
         begin, end = A.getOwnershipRange()
@@ -377,7 +395,8 @@ class FactorisedSolver:
             [np.empty((len(local_rows), 0)), *(p.getDenseArray() for p in products)]
         )
         comm.Allreduce(MPI.IN_PLACE, capacitance, MPI.SUM)
-        if len(is_owned) and not np.linalg.cond(capacitance, 1) < _MAX_CONDITION_OF_ROW_CORRECTION:
+        factors, pivots, condition, sign = _factorise_dense(capacitance)
+        if not condition < _MAX_CONDITION_OF_ROW_CORRECTION:
             return None
         x, residual, correction = self._solution.copy(), rhs.duplicate(), rhs.duplicate()
         infinity = PETSc.NormType.INFINITY
@@ -391,7 +410,9 @@ class FactorisedSolver:
             row_residual = np.zeros(len(is_owned))
             row_residual[is_owned] = (rhs.array_r - residual.array_r)[local_rows]
             comm.Allreduce(MPI.IN_PLACE, row_residual, MPI.SUM)
-            weights, column = np.linalg.solve(capacitance, row_residual), 0
+            weights, column = row_residual, 0
+            if len(weights):
+                weights = lapack.dgetrs(factors, pivots, row_residual)[0]
             for Z in self._inverse_columns:
                 x.array[:] += Z.getDenseArray() @ weights[column : column + Z.getSize()[1]]
                 column += Z.getSize()[1]
@@ -400,10 +421,25 @@ class FactorisedSolver:
             size = matrix_norm * x.norm(infinity) + rhs_norm
             if residual.norm(infinity) <= _RELATIVE_RESIDUAL_ROUND_OFF * size:
                 self._solution = x
-                sign = int(np.linalg.slogdet(capacitance)[0])
                 self._determinant_signs.append(sign * self._factors_sign)
                 return x.copy()
         return None
+
+    def _is_factorisation_cheaper_than_columns(self, n_new_columns: int) -> bool:
+        """Return whether new factors cost less than further columns of the inverse.
+
+        All columns may take half of the memory of the factors.
+        """
+        n_columns = len(self._changed_rows) + n_new_columns
+        max_columns, max_new_columns = (
+            n_factorisations * self._columns_per_factorisation
+            for n_factorisations in (
+                _MAX_FACTORISATIONS_FOR_ALL_COLUMNS,
+                _MAX_FACTORISATIONS_FOR_FEW_COLUMNS,
+            )
+        )
+        needs_too_much_time = n_columns > max_columns and n_new_columns > max_new_columns
+        return n_columns > self._max_stored_columns or needs_too_much_time
 
     def _compute_columns_of_inverse(self, columns: Indices) -> PETSc.Mat:
         """Compute k columns (n, k) of the inverse of the factorised matrix.
@@ -411,15 +447,16 @@ class FactorisedSolver:
         Args:
             columns: global numbers (k,) of the columns, the same on all processes.
         """
-        (begin, end), sizes = self._matrix.getOwnershipRange(), self._matrix.getSizes()[0]
-        shape = sizes, (PETSc.DECIDE, len(columns))
-        ones, Z = (PETSc.Mat().createDense(shape, comm=self._matrix.comm) for _ in range(2))
-        column = np.flatnonzero((columns >= begin) & (columns < end))
-        ones.getDenseArray()[columns[column] - begin, column] = 1.0
-        for matrix in (ones, Z):
-            matrix.assemble()
-        self.ksp.matSolve(ones, Z)
-        ones.destroy()
+        comm, sizes, k = self._matrix.comm, self._matrix.getSizes()[0], len(columns)
+        # unit vectors as sparse right-hand sides, which MUMPS takes from the first process
+        k_here, n_here = (k, sizes[1]) if comm.rank == 0 else (0, 0)
+        pointers, indices = np.arange(k_here + 1), columns[:k_here]
+        csr = pointers.astype(PETSc.IntType), indices.astype(PETSc.IntType), np.ones(k_here)
+        unit_rows = PETSc.Mat().createAIJ(((k_here, k), (n_here, sizes[1])), csr=csr, comm=comm)
+        Z = PETSc.Mat().createDense((sizes, (PETSc.DECIDE, k)), comm=comm)
+        Z.assemble()
+        factor = self._preconditioner.getFactorMatrix()
+        factor.matSolve(PETSc.Mat().createTranspose(unit_rows), Z)
         self._iterations += len(columns)
         return Z
 
@@ -443,6 +480,23 @@ class FactorisedSolver:
                 "the system matrix is singular or too badly conditioned, a known solution came "
                 f"back with the relative error {error:.1e}"
             )
+
+
+def _factorise_dense(matrix: Array) -> tuple[Array, Indices, float, int]:
+    """Return LU factors, pivots, estimated condition number and sign of the determinant.
+
+    The condition number in the 1-norm is infinite for a singular matrix or one with NaN.
+
+    Args:
+        matrix: square matrix (k, k), also an empty one.
+    """
+    if not len(matrix):
+        return matrix, np.empty(0, dtype=np.int32), 1.0, 1
+    factors, pivots, info = lapack.dgetrf(matrix)
+    reciprocal = lapack.dgecon(factors, np.abs(matrix).sum(axis=0).max())[0] if info == 0 else 0.0
+    condition = 1 / reciprocal if reciprocal > 0 else np.inf
+    n_sign_changes = np.sum(np.diag(factors) < 0) + np.sum(pivots != np.arange(len(pivots)))
+    return factors, pivots, condition, 1 - 2 * int(n_sign_changes % 2)
 
 
 def _is_minimum_degree_ordering_faster(matrix: PETSc.Mat) -> bool:

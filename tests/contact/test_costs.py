@@ -24,11 +24,13 @@ from tests.contact.two_bodies import StackedBlocks
 # Numbers of linear systems, factorisations, and iterations of Krylov's method or of the refinement
 # of corrected factors, over all increments
 COSTS_BY_NAME = {
-    "plane block, factors": (33, 2, 33),
+    "plane block, factors": (33, 1, 34),
     "plane block, Krylov": (45, 0, 274),
     "punched block": (12, 1, 12),
     "solid on a floor, factors": (6, 1, 92),
     "solid on a floor, Krylov": (6, 0, 27),
+    "finer solid on a floor, factors": (7, 1, 210),
+    "solid under a pushed plate, factors": (12, 2, 187),
     "nearly sliding solid, Krylov": (21, 0, 129),
     "plane rubber": (18, 18, 0),
     "solid rubber, factors": (5, 5, 0),
@@ -57,9 +59,12 @@ def solve_punched_block():
     return PunchedBlock().solve(0.3, motions)
 
 
-def solve_solid_on_rough_floor(solver):
-    """Return the state of a solid block that only a rough floor holds."""
-    return solve_contact(*SolidBlock().contact_arguments_of_case("rough floor"), solver=solver)
+def solve_solid(case, solver, n=3):
+    """Return the states of a solid block that is n cells high.
+
+    `case` is a name in `SOLID_CASE_MAKERS_BY_NAME`.
+    """
+    return solve_contact(*SolidBlock(n=n).contact_arguments_of_case(case), solver=solver)
 
 
 def press_and_drag_circle_over_rubber():
@@ -72,8 +77,10 @@ STATE_MAKERS_BY_NAME: dict[str, Callable] = {
     "plane block, factors": lambda: solve_block_on_floor(Direct()),
     "plane block, Krylov": lambda: solve_block_on_floor(Iterative()),
     "punched block": solve_punched_block,
-    "solid on a floor, factors": lambda: solve_solid_on_rough_floor(Direct()),
-    "solid on a floor, Krylov": lambda: solve_solid_on_rough_floor(Iterative()),
+    "solid on a floor, factors": lambda: solve_solid("rough floor", Direct()),
+    "solid on a floor, Krylov": lambda: solve_solid("rough floor", Iterative()),
+    "finer solid on a floor, factors": lambda: solve_solid("rough floor", Direct(), n=5),
+    "solid under a pushed plate, factors": lambda: solve_solid("plate by forces", Direct()),
     "nearly sliding solid, Krylov": lambda: solve_contact(
         *nearly_sliding_contact_arguments(SolidBlock()), solver=Iterative()
     ),

@@ -7,6 +7,7 @@ from dolfinx import fem
 from dolfinx.mesh import CellType, create_box
 
 from pw_elements import (
+    Direct,
     Iterative,
     Material,
     NotConverged,
@@ -241,6 +242,19 @@ def compute_impact_numbers(comm):
     }
 
 
+def compute_numbers_of_solid_by_corrected_factors(comm):
+    """Return the results and the cost of a solid block whose first factors serve all systems."""
+    arguments = SolidBlock(n=3, comm=comm).contact_arguments_of_case("rough floor")
+    (state,) = states = solve_contact(*arguments, solver=Direct())
+    return {
+        "systems": state.iterations,
+        "factorisations": state.report.factorisations,
+        "solutions for corrections": state.report.krylov_iterations,
+        "unique": int(state.unique),
+        **sum_contact_states(states),
+    }
+
+
 # -- the iterative solver --------------------------------------------------------------------------
 
 
@@ -341,6 +355,7 @@ def compute_all_direct_numbers(comm):
         | {"identity": assert_parallel_identities(comm)}
         | {name: compute_condensed_element_numbers(comm, name) for name in ("pw-Q8", "pw-Q9")}
         | {"rubber": compute_rubber_numbers(comm), "impact": compute_impact_numbers(comm)}
+        | {"corrected factors": compute_numbers_of_solid_by_corrected_factors(comm)}
         | {
             f"hybrid {state}": compute_hybrid_body_numbers(comm, state)
             for state in ("axisymmetric", "solid")
