@@ -50,21 +50,25 @@ class LinearElasticBody:
 
     def stiffness(self) -> sparse.csc_matrix:
         lame_lambda, mu = self._lame_constants()
-        identity = np.eye(self.nodes.shape[1])
-        cell_matrices = 0.0
+        n_nodes, dim = self.cells.shape[1], self.nodes.shape[1]
+        cell_matrices = np.zeros((len(self.cells), n_nodes, dim, n_nodes, dim))
         for point in self._iterate_gauss_points():
-            G, H = point.gradients, point.weight_gradients
-            div_u, div_w = G.copy(), H.copy()
+            G, H = point.gradients, point.weight_gradients * point.volume[:, None, None]
+            products = np.einsum("cik,cjl->cikjl", H, G)
+            div_products, same_component = products, mu * H @ G.transpose(0, 2, 1)
             if self.state == "axisymmetric":
+                div_u, div_w = G.copy(), H.copy()
                 div_u[:, :, 0] += point.shapes / point.radius[:, None]
-                div_w[:, :, 0] += point.weights / point.radius[:, None]
-            entry = lame_lambda * np.einsum("cik,cjl->cikjl", div_w, div_u)
-            entry += mu * np.einsum("cia,cja,kl->cikjl", H, G, identity)
-            entry += mu * np.einsum("cil,cjk->cikjl", H, G)
-            if self.state == "axisymmetric":
-                hoop = np.einsum("i,j,c->cij", point.weights, point.shapes, point.radius**-2.0)
-                entry[:, :, 0, :, 0] += 2 * mu * hoop
-            cell_matrices = cell_matrices + entry * point.volume[:, None, None, None, None]
+                div_w[:, :, 0] += point.weights * (point.volume / point.radius)[:, None]
+                div_products = np.einsum("cik,cjl->cikjl", div_w, div_u)
+                hoop = point.volume * point.radius**-2.0
+                cell_matrices[:, :, 0, :, 0] += (
+                    2 * mu * hoop[:, None, None] * np.outer(point.weights, point.shapes)
+                )
+            cell_matrices += lame_lambda * div_products
+            cell_matrices += mu * products.swapaxes(2, 4)
+            for component in range(dim):
+                cell_matrices[:, :, component, :, component] += same_component
         return self._assemble_matrix(cell_matrices)
 
     def mass(self) -> sparse.csc_matrix:
