@@ -32,6 +32,8 @@ from study.paper.s7_5_profiles import PROFILES
 from study.run.store import Results, write_json
 from tests.study.computed_results import ComputedResults
 
+pytestmark = pytest.mark.xdist_group("statements")  # one worker finds the mutations
+
 ROOT = Path(__file__).parents[2]
 CLAIMS = load_claims()
 PAPER_STATEMENTS = [claim for claim in CLAIMS if claim.kind in PAPER_KINDS]
@@ -74,7 +76,7 @@ def parametrize_graded_statements(grade, *bases):
 def turning_mutations_by_claim(results, request):
     """Return, for each claim, the names of the mutations of the results that reverse its verdict.
 
-    Finding them takes long; they are found once and stored for all workers.
+    Finding them takes long; they are found once and stored.
     """
     path, is_quick = results.folder / "turned.json", "not slow" in request.config.option.markexpr
     if not path.exists():

@@ -20,6 +20,8 @@ DOCS_FOLDER = Path(__file__).parents[2] / "docs"
 TUTORIAL_PAGE = DOCS_FOLDER / "your-own-problem.md"
 ELEMENT_NAMES = ("standard", "piecewise linear")
 
+pytestmark = pytest.mark.xdist_group("tutorial")  # one worker runs the tutorial's program
+
 
 def extract_python_code(page):
     """Return the Python code blocks of a page, joined to one program."""

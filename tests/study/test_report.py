@@ -17,7 +17,10 @@ from tests.study.pages import Page
 from tests.study.toystudy import write_toy_results
 
 # Debian pairs WeasyPrint with a newer pydyf, which has renamed some methods
-pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning:pydyf")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::DeprecationWarning:pydyf"),
+    pytest.mark.xdist_group("report"),  # one worker lays out the study's report
+]
 
 RESULTS_FOLDER = Path(__file__).parents[2] / "results"
 TEXTS_FOLDER = Path(texts.__file__).parent
