@@ -1,8 +1,8 @@
 """Expected computing times of the cases, used to start the longest cases first.
 
 `python3 -m study.run.expected [results]` prints a table of the longest cases. Write it to
-`expected_seconds.json` if the times have changed considerably. `tests/study/test_checks.py` reads
-the cases in the table from stored results and computes all others.
+`expected_seconds.json` if the times have changed considerably. `tests/study/test_checks.py`
+computes cases without a current stored result, except for those in the table.
 """
 
 import json

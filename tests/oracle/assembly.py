@@ -73,7 +73,7 @@ class LinearElasticBody:
 
     def mass(self) -> sparse.csc_matrix:
         scalar_matrices = sum(
-            np.einsum("i,j,c->cij", point.weights, point.shapes, self.rho * point.volume)
+            np.outer(point.weights, point.shapes) * (self.rho * point.volume)[:, None, None]
             for point in self._iterate_gauss_points()
         )
         return self._assemble_for_each_component(scalar_matrices)
