@@ -17,14 +17,10 @@ from unittest.mock import patch
 
 import numpy as np
 
-from pw_elements import files
-from pw_elements.files import (
-    create_or_claim_folder,
-    open_folder_replacement,
-    remove_files_of_killed_processes,
-    replace_file_atomically,
-)
 from study.run.store import CorruptResult, MissingResult, Result, Results, save
+
+# `study.run.store` has loaded this module without the solver, which would make forks slow
+files = sys.modules["pw_elements.files"]
 
 SYSTEM_CALLS = (
     "open", "write", "fsync", "close", "replace", "rename", "mkdir", "unlink", "rmdir", "scandir",
@@ -141,10 +137,10 @@ class FileReplacementCase:
     """Replacement of a file."""
 
     def prepare(self, folder):
-        replace_file_atomically(folder / "data", OLD_CONTENT)
+        files.replace_file_atomically(folder / "data", OLD_CONTENT)
 
     def replace(self, folder):
-        replace_file_atomically(folder / "data", NEW_CONTENT)
+        files.replace_file_atomically(folder / "data", NEW_CONTENT)
 
     def inspect_state(self, folder):
         return {OLD_CONTENT: "old", NEW_CONTENT: "new"}[(folder / "data").read_bytes()]
@@ -154,7 +150,7 @@ class FolderReplacementCase:
     """Replacement of a folder."""
 
     def write_folder(self, folder, content):
-        with open_folder_replacement(folder / "made", FOLDER_KIND) as replacement:
+        with files.open_folder_replacement(folder / "made", FOLDER_KIND) as replacement:
             (replacement.scratch / "more").write_text("not kept")
             (replacement.folder / "one").write_bytes(content)
             (replacement.folder / content[:3].decode()).mkdir()
@@ -210,7 +206,7 @@ class FolderClaimCase:
         pass
 
     def replace(self, folder):
-        create_or_claim_folder(folder / "made", FOLDER_KIND)
+        files.create_or_claim_folder(folder / "made", FOLDER_KIND)
 
     def inspect_state(self, folder):
         target = folder / "made"
@@ -231,7 +227,7 @@ class ResultReplacementCase:
         self.save_result(folder, 1.0)
 
     def replace(self, folder):
-        remove_files_of_killed_processes(folder / "made" / "7.1")
+        files.remove_files_of_killed_processes(folder / "made" / "7.1")
         self.save_result(folder, 2.0)
 
     def inspect_state(self, folder):
@@ -306,7 +302,7 @@ def check_recovery(case, folder, error_raised=None):
     if error_raised is not None and name not in ALLOWED_STATES:
         assert state == "old", state
     if name in RESTORED_CASES and state == "missing":
-        remove_files_of_killed_processes(folder)
+        files.remove_files_of_killed_processes(folder)
         assert case.inspect_state(folder) == "old"
     case.replace(folder)
     assert case.inspect_state(folder) == "new"
