@@ -221,6 +221,8 @@ def _dense_qr_triangle(rows: sp.csr_array | Array, comm: MPI.Comm) -> Array:
     for begin in range(0, rows.shape[0], _MAX_ROWS_PER_DENSE_QR):
         dense = _to_dense(rows[begin : begin + _MAX_ROWS_PER_DENSE_QR])
         R = np.asarray(np.linalg.qr(np.vstack([R, dense]), mode="r"))
+    if comm.size == 1:
+        return R
     return np.asarray(np.linalg.qr(np.concatenate(comm.allgather(R)), mode="r"))
 
 

@@ -18,6 +18,7 @@ length per force, since the factor c of the contact law is a force per length.
 from collections.abc import Mapping, Sequence
 from copy import copy
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 from mpi4py import MPI
@@ -130,6 +131,8 @@ class ContactInterface:
         )
         counts = [len(part.position) for part in points]
         self.pair = np.repeat(np.arange(len(points), dtype=np.int32), counts)
+        ends = np.cumsum([0, *counts])
+        self._points_of_each_pair = [slice(*range_of_pair) for range_of_pair in pairwise(ends)]
 
         def concatenate_over_pairs(attribute_name: str) -> npt.NDArray:
             return np.concatenate([getattr(part, attribute_name) for part in points])
@@ -387,7 +390,7 @@ class ContactInterface:
         Returns:
             Values (k, ...) at the pair's points of all processes, sorted by position.
         """
-        return self.gather_values(values[self.pair == pair_index])[
+        return self.gather_values(values[self._points_of_each_pair[pair_index]])[
             self._position_order_of_each_pair[pair_index]
         ]
 
@@ -646,32 +649,32 @@ class ContactInterface:
                 wrong shapes.
         """
         calls = [
-            (k, surface, self.pair == k)
+            (k, surface, self._points_of_each_pair[k])
             for k, surface in enumerate(self.surfaces)
             if not ("gap_normal_and_curvature" in output_arrays and k in self.mortars)
         ]
         if self._needs_no_guard:
-            for _, surface, in_pair in calls:
-                points = x[in_pair]
+            for _, surface, of_pair in calls:
+                points = x[of_pair]
                 values = [getattr(surface, method)(points) for method in output_arrays]
                 for (method, arrays), value in zip(output_arrays.items(), values, strict=True):
                     for array, part in zip(
                         arrays, _wrap_single_result_in_tuple(method, value), strict=True
                     ):
-                        array[in_pair] = part
+                        array[of_pair] = part
             return
         calls_with_points = []
-        for k, surface, in_pair in calls:
+        for k, surface, of_pair in calls:
             if type(surface) in _SURFACE_TYPES_EVALUATED_LOCALLY:
-                points, local_part = x[in_pair], slice(None)
+                points, local_part = x[of_pair], slice(None)
             else:
-                points, local_part = gather_points_and_local_slice(self.comm, x[in_pair])
+                points, local_part = gather_points_and_local_slice(self.comm, x[of_pair])
             if len(points):
-                calls_with_points.append((k, in_pair, points, local_part))
+                calls_with_points.append((k, of_pair, points, local_part))
         for method, arrays in output_arrays.items():
             quantity, layout = _RESULT_NAME_AND_LAYOUT_BY_SURFACE_METHOD[method]
             with raise_errors_on_all_processes(self.comm):
-                for k, in_pair, points, local_part in calls_with_points:
+                for k, of_pair, points, local_part in calls_with_points:
                     subject = f"the {quantity} of the surface of contact pair {k}"
                     function = getattr(self.surfaces[k], method)
                     value = call_user_function(self.comm, subject, function, points.copy())
@@ -680,7 +683,7 @@ class ContactInterface:
                     ):
                         shape = (len(points), *array.shape[1:])
                         part = arguments.check_user_function_values(subject, part, shape, layout)
-                        array[in_pair] = part[local_part]
+                        array[of_pair] = part[local_part]
 
 
 def _wrap_single_result_in_tuple(method: str, value: Any) -> Sequence[Any]:  # noqa: ANN401

@@ -490,8 +490,10 @@ class IncrementEquations:
 
         The call is collective.
         """
-        maxima = [np.max(values, initial=0.0) for values in arrays]
-        return [float(value) for value in np.max(self.system.comm.allgather(maxima), axis=0)]
+        maxima = np.array([values.max(initial=0.0) for values in arrays])
+        maxima_of_ranks = np.empty((self.system.comm.size, len(maxima)))
+        self.system.comm.Allgather(maxima, maxima_of_ranks)
+        return [float(value) for value in maxima_of_ranks.max(axis=0)]  # NaN if any value is NaN
 
     def max_residual_to_tolerance_ratio(
         self, state: NewtonIterate, force_tolerance: float, coordinate_round_off_force: float
@@ -517,11 +519,15 @@ class IncrementEquations:
             force_tolerance + coordinate_round_off_force,
             state.unknowns,
         )
-        for name, values in residuals.items():
-            is_friction = name in ("cone", "stick", "direction")
-            limit = force_tolerance + (
-                friction_round_off if is_friction else coordinate_round_off_force
-            )
+        balance = residuals.pop("balance")
+        of_friction = np.array([residuals.pop(name) for name in ("cone", "stick", "direction")])
+        of_contact = np.array(list(residuals.values()))
+        for values, round_off in (
+            (of_friction, friction_round_off),
+            (of_contact, coordinate_round_off_force),
+            (balance, coordinate_round_off_force),
+        ):
+            limit = force_tolerance + round_off
             ratio = np.divide(values, limit, out=np.zeros_like(values), where=values != 0)
             max_ratio = float(ratio.max(initial=0.0))
             worst = max(worst, np.inf if np.isnan(max_ratio) else max_ratio)

@@ -359,6 +359,7 @@ def assemble_active_set_equations(
     """
     m, n_tangents = active.direction.shape
     A, B = np.zeros((2, m, n_tangents + 1, n_tangents + 1))
+    b = np.zeros((m, n_tangents + 1))
     identity = np.eye(n_tangents + 1)
     A[active.status == OPEN] = identity
 
@@ -373,7 +374,8 @@ def assemble_active_set_equations(
     A[slip, 1:, 0] = -active.limit_slope[slip, None] * d
     A[slip, 1:, 1:] = identity[1:, 1:] - M
     B[slip, 1:, 1:] = c[:, None, None] * M + active.friction_per_slip[slip, None, None] * projector
-    return A, B, np.pad(active.limit_intercept[:, None] * active.direction, ((0, 0), (1, 0)))
+    b[:, 1:] = active.limit_intercept[:, None] * active.direction
+    return A, B, b
 
 
 @dataclass(frozen=True)
@@ -537,8 +539,8 @@ class LinearisedKinematics:
         """
         A, B, b = assemble_active_set_equations(active, law_scale)
         b = b - np.einsum("nab,nb->na", A[:, :, 1:], active.support_friction)
-        is_stated = np.pad(~self.held_tangents, ((0, 0), (1, 0)), constant_values=True)
-        stated_frame = self.frame * is_stated[:, :, None]
+        stated_frame = self.frame.copy()
+        stated_frame[:, 1:][self.held_tangents] = 0.0
         C = A @ self.force_by_v + B @ self.motion_by_v
         D = -(A @ self.force_by_q + B @ self.motion_by_q)
         gap = np.where(np.isfinite(self.gap), self.gap, 0.0)
@@ -574,6 +576,8 @@ def add_tangents_along_supports(frame: Array, held_components: Mask) -> Array:
     Tangents are replaced only at points where supports hold a component. `held_components` (m, dim)
     is a mask of the global components that supports hold.
     """
+    if not held_components.any():
+        return frame
     frame = frame.copy()
     for t in range(1, frame.shape[1]):
         empty = np.flatnonzero(held_components.any(axis=1) & ~frame[:, t].any(axis=1))

@@ -54,6 +54,9 @@ _MAX_AMPLITUDE_RATIO_FOR_PREFERRED_PIVOT = 1e3
 _ZERO_RELATIVE_STIFFNESS_IN_PROOFS = 1e-11
 # Stiffness below which a motion counts as free, relative to the stiffness of an arbitrary motion
 _MAX_RELATIVE_STIFFNESS_OF_FREE_MOTION = 1e-8
+# Squared stiffness, relative to the larger of the number of modes and the sum of all squared
+# stiffnesses, above which a motion is certainly not free: round-off of squares is below 1e-15
+_MIN_RELATIVE_SQUARED_STIFFNESS_OF_HELD_MOTION = 1e-12
 
 
 @dataclass(frozen=True)
@@ -361,6 +364,8 @@ class RigidMotions:
         if isinstance(motions, np.ndarray):
             rows = constraints @ motions.reshape(m, dim, motions.shape[1])
             rows = rows.reshape(motions.shape)
+            if self._do_contact_rows_hold_all_motions(rows):
+                return np.zeros((0, self.modes.n_modes))
         else:
             blocks = sp.bsr_array((constraints, np.arange(m), np.arange(m + 1)), (m * dim,) * 2)
             rows = sp.csr_array(blocks @ motions)
@@ -374,6 +379,23 @@ class RigidMotions:
         """Whether no motion is free even without contact; contact leaves no others free."""
         free = null_space_basis([self._support_rows], _MAX_RELATIVE_STIFFNESS_OF_FREE_MOTION)
         return len(free) == 0
+
+    def _do_contact_rows_hold_all_motions(self, contact_rows: Array) -> bool:
+        """Return whether supports and contact hold all motions beyond doubt; collective.
+
+        This test takes a small part of the time of a factorisation of the rows. It squares small
+        stiffnesses, so that motions which it does not find held may be held nevertheless.
+
+        Args:
+            contact_rows: forces or displacements (m dim, modes) at the contact nodes of this
+                process that each mode causes.
+        """
+        squares = contact_rows.T @ contact_rows
+        self._system.comm.Allreduce(MPI.IN_PLACE, squares, MPI.SUM)
+        squares += self._support_rows.T @ self._support_rows
+        scale = max(self.modes.n_modes, np.trace(squares))
+        smallest = np.linalg.eigvalsh(squares)[0]
+        return bool(smallest > _MIN_RELATIVE_SQUARED_STIFFNESS_OF_HELD_MOTION * scale)
 
     def _reduced_columns_of_displacements(self) -> Indices:
         """Return the index of the reduced unknown that equals each displacement of this process.

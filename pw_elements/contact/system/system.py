@@ -403,9 +403,12 @@ class ContactSystem:
         solution = self.tangent.solve(rhs, balance_rhs, law, accuracy)
         reduced_unknowns = load.duplicate()
         reduced_unknowns.setArray(solution.unknowns[: len(rhs)])
-        motions = self.comm.bcast(solution.unknowns[len(rhs) :], self.comm.size - 1)
+        motions, last_rank = np.zeros(len(self.free_motions)), self.comm.size - 1
+        if self.comm.rank == last_rank:
+            motions[:] = solution.unknowns[len(rhs) :]
+        self.comm.Bcast(motions, last_rank)
         return ContactSystemSolution(
-            reduced_unknowns, np.array(motions), solution.is_exact, solution.is_final
+            reduced_unknowns, motions, solution.is_exact, solution.is_final
         )
 
     def assemble_right_hand_sides(
@@ -540,6 +543,9 @@ class ContactSystem:
 
     def _longest_lever_arms(self, torque_map: TorqueMap) -> Array:
         """Return the longest lever arm (free,) of each free motion; 1 for translations."""
+        dim = torque_map.V.shape[1]
+        if all(axis < dim for _, axis in self.free_motions):
+            return np.ones(len(self.free_motions))
         arm = np.linalg.norm(torque_map.V, axis=1)
         pair, tiny = self.interface.pair, np.finfo(float).tiny
         longest = np.array(
