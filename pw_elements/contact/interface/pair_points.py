@@ -14,7 +14,6 @@ from petsc4py import PETSc
 
 import numpy as np
 import scipy.sparse as sp
-import ufl
 from dolfinx import fem, la
 from scipy.spatial import cKDTree
 
@@ -35,6 +34,7 @@ from pw_elements.contact.mortars import (
     SlidingMortar,
     SpaceSlidingMortar,
     gather_boundary_facets,
+    integrate_outward_normals,
 )
 from pw_elements.elasticity import (
     StressState,
@@ -46,7 +46,6 @@ from pw_elements.spaces import (
     AssemblyRecord,
     EntitySelection,
     SubSpace,
-    assemble_vector,
     gather_nodal_values,
     is_hybrid,
     locate_exterior_facets,
@@ -184,10 +183,7 @@ class BodyNodes:
         self.reduced_column: Indices = find_reduced_column_of_each_unknown(reduction.right)[
             self.displacements.owned_unknowns
         ]
-        v = ufl.TestFunction(self.space)
-        normal = assemble_vector(ufl.inner(ufl.FacetNormal(mesh), v) * ufl.ds)
-        # a copy, since a view in a traceback would keep the vector alive on one process only
-        self.outward_normal = np.array(normal.array_r).reshape(-1, dim)
+        self.outward_normal = integrate_outward_normals(self.space)
         self.mean_cell_midpoint = average_midpoints_of_adjacent_cells(self.space)
         self.diagonal = float(
             np.linalg.norm(compute_bounding_box_extents(mesh.comm, mesh.geometry.x))

@@ -4,6 +4,7 @@ from pw_elements.contact.mortars.boundary_facets import (
     BoundaryFacets,
     compute_facet_nodes_positions_and_facet_normals,
     gather_boundary_facets,
+    integrate_outward_normals,
 )
 from pw_elements.contact.mortars.facing import MortarMatrices, measure_gap_and_slip
 from pw_elements.contact.mortars.overlap import compute_cell_lengths_or_areas

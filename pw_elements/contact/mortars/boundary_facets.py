@@ -5,7 +5,8 @@ from functools import cached_property
 
 import basix
 import numpy as np
-from dolfinx import fem
+from dolfinx import fem, la
+from dolfinx.mesh import exterior_facet_indices
 
 from pw_elements.arrays import Array, Indices, LocalIndices
 from pw_elements.contact.mortars.overlap import (
@@ -29,6 +30,8 @@ SUB_FACET_CELL_TYPE_BY_CORNER_COUNT = {
 }
 # An edge is sharp if the cosine between the normals of its adjacent facets is below this value
 _MAX_NORMAL_COSINE_AT_SHARP_EDGE = float(np.cos(np.pi / 4)) - 1e-9
+# Integral of a shape function over a facet that is zero except for round-off, relative to the facet
+_NEGLIGIBLE_FRACTION_OF_FACET = 1e-12
 
 
 @dataclass(frozen=True)
@@ -188,3 +191,37 @@ def compute_facet_nodes_positions_and_facet_normals(
     normal = compute_unoriented_cell_normals(x[nodes[:, :dim]])
     normal *= np.sign(np.sum(normal * (x[nodes[:, 0]] - cell_middle), axis=1))[:, None]
     return nodes, x[nodes], normal
+
+
+def integrate_outward_normals(space: fem.FunctionSpace) -> Array:
+    """Return the outward normals (owned nodes, dim), weighted with shape functions; collective.
+
+    The shape functions of the nodes are integrated over the exterior facets as if these were flat.
+    The result is zero where these integrals are zero, as at the vertices of quadratic triangles.
+
+    Args:
+        space: space of displacements.
+    """
+    mesh, index_map = space.mesh, space.dofmap.index_map
+    facet_dim = mesh.topology.dim - 1
+    mesh.topology.create_connectivity(facet_dim, mesh.topology.dim)
+    nodes, x, normals = compute_facet_nodes_positions_and_facet_normals(
+        space, exterior_facet_indices(mesh.topology)
+    )
+    facet_type = basix.cell.subentity_types(mesh.basix_cell())[facet_dim][0]
+    element = basix.create_element(
+        basix.ElementFamily.P,
+        facet_type,
+        space.element.basix_element.degree,
+        basix.LagrangeVariant.gll_warped,
+    )
+    points, weights = basix.make_quadrature(facet_type, element.degree)
+    fractions = weights @ element.tabulate(0, points)[0, :, :, 0] / weights.sum()
+    fractions[np.abs(fractions) < _NEGLIGIBLE_FRACTION_OF_FACET] = 0.0
+    sizes = compute_cell_lengths_or_areas(x[:, : len(basix.geometry(facet_type))])
+    area_vectors = (sizes[:, None] * normals)[:, None, :] * fractions[:, None]
+    sums = la.vector(index_map, facet_dim + 1)
+    sums.array[:] = 0.0
+    np.add.at(sums.array.reshape(-1, facet_dim + 1), nodes, area_vectors)
+    sums.scatter_reverse(la.InsertMode.add)
+    return np.array(sums.array.reshape(-1, facet_dim + 1)[: index_map.size_local])

@@ -18,7 +18,6 @@ from pw_elements.contact.rescue.refusals import (
 from pw_elements.contact.rescue.rigid import RigidMotions
 from pw_elements.contact.rescue.smallness import (
     SmallDisplacementAndSurfacePassingCheck,
-    gradient_at_vertices,
     measure_max_strain_and_rotation,
     warn_if_no_longer_small,
     warn_if_slip_and_path_slip_differ,

@@ -46,7 +46,6 @@ from pw_elements.contact.model import (
 from pw_elements.contact.nodes import OPEN, SLIP, STICK
 from pw_elements.contact.rescue import (
     SmallDisplacementAndSurfacePassingCheck,
-    gradient_at_vertices,
     measure_max_strain_and_rotation,
     warn_if_no_longer_small,
 )
@@ -376,8 +375,7 @@ def solve_impact(
         u,
         v,
     )
-    smallness, gradient_function = SmallDisplacementMeasures(), fem.Function(space)
-    gradient = gradient_at_vertices(gradient_function)
+    smallness, displacement_function = SmallDisplacementMeasures(), fem.Function(space)
     integration.max_surface_steps = SmallDisplacementAndSurfacePassingCheck(
         interface, space
     ).min_facet_sizes
@@ -389,9 +387,7 @@ def solve_impact(
             if n in kept_steps or n == n_steps:
                 true_displacement = u.copy() if sibling is None else sibling.displacement(u)
                 state = integration.make_state_of_last_step(true_displacement, contact)
-                largest = measure_max_strain_and_rotation(
-                    gradient, gradient_function, true_displacement
-                )
+                largest = measure_max_strain_and_rotation(displacement_function, true_displacement)
                 previous, smallness = smallness, SmallDisplacementMeasures(*largest)
                 warn_if_no_longer_small(smallness, previous, f"step {n}", comm)
                 states += [replace(state, smallness=smallness)] * (n in kept_steps)
