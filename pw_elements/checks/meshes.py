@@ -456,6 +456,8 @@ def label_connected_components(
     local_component = _label_graph_components(
         n_nodes, np.repeat(cells[:, 0], other_nodes.shape[1]), other_nodes.ravel()
     )
+    if comm.size == 1:
+        return local_component, int(local_component.max()) + 1
     local_component += sum(comm.allgather(int(local_component.max(initial=-1)) + 1)[: comm.rank])
     # components of two processes belong together if they share a node: link the component of each
     # node on this process with its component on the process that owns the node

@@ -15,6 +15,7 @@ from pw_elements.elasticity.forces import (
     force_transfer,
     forces_along,
     locate_facet_nodes_in_cells,
+    mark_boundary_nodes,
     nodal_flux,
     order_by_position,
 )

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 import ufl
-from dolfinx import fem
+from dolfinx import fem, la
 from dolfinx.mesh import Mesh, exterior_facet_indices
 from scipy.spatial import cKDTree
 from ufl.core.expr import Expr
@@ -437,6 +437,17 @@ def facet_nodes(space: fem.FunctionSpace, facets: LocalIndices) -> LocalIndices:
     """Return the local numbers (f, k) of the nodes of exterior facets (f,), in Basix' order."""
     cells, cell_dofs = locate_facet_nodes_in_cells(space, facets)
     return np.asarray(space.dofmap.list[cells[:, None], cell_dofs])
+
+
+def mark_boundary_nodes(space: fem.FunctionSpace) -> Mask:
+    """Return a mask (owned nodes,) of the nodes on exterior facets; collective."""
+    topology, index_map = space.mesh.topology, space.dofmap.index_map
+    topology.create_connectivity(topology.dim - 1, topology.dim)
+    marks = la.vector(index_map, 1)
+    marks.array[:] = 0.0
+    marks.array[facet_nodes(space, exterior_facet_indices(topology))] = 1.0
+    marks.scatter_reverse(la.InsertMode.add)
+    return np.asarray(marks.array[: index_map.size_local] > 0)
 
 
 def locate_facet_nodes_in_cells(

@@ -13,7 +13,6 @@ from mpi4py import MPI
 
 import numpy as np
 from dolfinx import fem
-from dolfinx.mesh import exterior_facet_indices
 
 from pw_elements.algebra import Reduction
 from pw_elements.arrays import Array, LocalIndices
@@ -50,6 +49,7 @@ from pw_elements.elasticity import (
     StressState,
     exterior_facets_with_all_nodes,
     facet_nodes,
+    mark_boundary_nodes,
 )
 from pw_elements.progress import log_on_root
 from pw_elements.spaces import (
@@ -257,14 +257,9 @@ def _raise_error_for_shared_interior_or_tied_nodes(body: BodyNodes, nodes: Local
     body.raise_error_for_invalid_nodes(
         unique[count > 1], "belong to two contact pairs: leave a facet between them"
     )
-    mesh = body.space.mesh
-    facet_dim = mesh.topology.dim - 1
-    mesh.topology.create_connectivity(facet_dim, mesh.topology.dim)
-    facets = exterior_facet_indices(mesh.topology)
-    on_boundary = fem.locate_dofs_topological(body.space, facet_dim, facets)
-    inside = nodes[~np.isin(nodes, on_boundary)]
+    inside = nodes[~mark_boundary_nodes(body.space)[nodes]]
     body.raise_error_for_invalid_nodes(inside, "lie inside of the body, not on its boundary")
-    with raise_errors_on_all_processes(mesh.comm):
+    with raise_errors_on_all_processes(body.space.mesh.comm):
         if np.any(body.reduced_column[nodes] < -1):
             raise ValueError(
                 "the reduction combines the displacements of a contact node with others: it may "

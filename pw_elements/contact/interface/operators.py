@@ -53,6 +53,7 @@ from pw_elements.contact.model import (
 )
 from pw_elements.contact.mortars import SlidingMortar
 from pw_elements.elasticity import order_by_position
+from pw_elements.solvers import ComponentRigidModes
 from pw_elements.spaces import SubSpace, gather_nodal_values
 
 # Round-off of coordinates, relative to their magnitude
@@ -486,6 +487,11 @@ class ContactInterface:
         return [self.gather_pair_in_position_order(k, self.position)[:1] for k in range(self.pairs)]
 
     @cached_property
+    def rigid_modes_of_pieces(self) -> ComponentRigidModes:
+        """Rigid modes of the connected pieces of the undeformed body."""
+        return ComponentRigidModes.from_space(self.field.space)
+
+    @cached_property
     def max_extent_of_points(self) -> float:
         """Largest extent, along any axis, of the undeformed contact points of all processes."""
         return float(compute_bounding_box_extents(self.comm, self.position).max())
@@ -655,12 +661,10 @@ class ContactInterface:
         ]
         if self._needs_no_guard:
             for _, surface, of_pair in calls:
-                points = x[of_pair]
-                values = [getattr(surface, method)(points) for method in output_arrays]
-                for (method, arrays), value in zip(output_arrays.items(), values, strict=True):
-                    for array, part in zip(
-                        arrays, _wrap_single_result_in_tuple(method, value), strict=True
-                    ):
+                for method, arrays in output_arrays.items():
+                    value = getattr(surface, method)(x[of_pair])
+                    values = _wrap_single_result_in_tuple(method, value)
+                    for array, part in zip(arrays, values, strict=True):
                         array[of_pair] = part
             return
         calls_with_points = []

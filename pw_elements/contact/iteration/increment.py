@@ -286,7 +286,8 @@ class IncrementEquations:
         """
         system, equilibrium = self.system, self.equilibrium
         load = equilibrium.linearise_and_return_load(kinematics.torque_map)
-        known_q = np.nan_to_num(self.prescribed_motions)[self.interface.pair]
+        is_free = np.isnan(self.prescribed_motions)
+        known_q = np.where(is_free, 0.0, self.prescribed_motions)[self.interface.pair]
         known_v = system.evaluate_point_motions(equilibrium.prescribed_displacements)
         law = kinematics.linearise_law(active, system.law_scale)
         law = eliminate_known_motions(law, known_q, known_v)
@@ -308,7 +309,7 @@ class IncrementEquations:
             friction_springs=springs,
         )
         q = self.prescribed_motions.copy()
-        q[np.isnan(q)] = solution.free_motions
+        q[is_free] = solution.free_motions
         step_length = equilibrium.move_towards_and_return_step_length(solution.reduced_unknowns)
         if step_length < 1:
             q = kinematics.q0 + step_length * (q - kinematics.q0)

@@ -11,10 +11,12 @@ not rotate, and displacements that are small compared to the radii of the surfac
 from dataclasses import dataclass
 from typing import Protocol
 
+from mpi4py import MPI
+
 import numpy as np
 
 from pw_elements.arrays import Array, Mask
-from pw_elements.contact.interface import ContactInterface
+from pw_elements.contact.interface import RELATIVE_COORDINATE_ROUND_OFF, ContactInterface
 from pw_elements.contact.model import ContactState
 from pw_elements.contact.nodes.nodes import (
     LinearisedKinematics,
@@ -81,9 +83,9 @@ class ContactKinematics(Protocol):
         """Return kinematics that are linearised at a solution.
 
         The arguments are those of `kinematics_and_point_motions_at_iterate`. At small strains, the
-        kinematics are linearised again if a surface is free to move, or if there is support
-        friction. In all other cases `previous` is returned, because it is already valid at the
-        solution.
+        kinematics are linearised again if there is support friction, or if the gaps or normals of a
+        surface that is free to move have changed otherwise than linearly. In all other cases
+        `previous` is returned, because it is already valid at the solution.
         """
 
     def compute_slip_along_straight_path(
@@ -137,9 +139,32 @@ class SmallStrainKinematics:
         displacement: Array,
         force: Array,
     ) -> LinearisedKinematics:
-        if not (self._free.any() or self._interface.holds_friction):
+        if self._interface.holds_friction:
+            return self.linearise(q, displacement, force)
+        if not self._free.any() or self._are_gaps_and_normals_valid_at(q, previous):
             return previous
         return self.linearise(q, displacement, force)
+
+    def _are_gaps_and_normals_valid_at(self, q: Array, linearised: LinearisedKinematics) -> bool:
+        """Return whether linearised gaps and normals equal those at motions q; collective.
+
+        They do for surfaces such as planes. Gaps may differ by the round-off of coordinates.
+        """
+        interface, comm = self._interface, self._interface.comm
+        gap, normal = interface.evaluate_undeformed_gaps_and_normals(q)
+        gap = self._add_interference_not_yet_applied(gap)
+        change = np.einsum("nk,nk->n", linearised.motion_by_q[:, 0], (q - linearised.q0)[interface.pair])
+        round_off = RELATIVE_COORDINATE_ROUND_OFF * interface.max_extent_of_points
+        with np.errstate(invalid="ignore"):  # gaps may be infinite
+            is_gap_equal = np.abs(linearised.gap + change - gap) <= round_off
+        is_gap_equal |= linearised.gap == gap
+        is_valid = is_gap_equal.all() and np.array_equal(linearised.frame[:, 0], normal)
+        return bool(comm.allreduce(bool(is_valid), MPI.LAND))
+
+    def _add_interference_not_yet_applied(self, gap: Array) -> Array:
+        if self._load_factor == 1:
+            return gap
+        return gap + (1 - self._load_factor) * self._interface.initial_interference
 
     def compute_slip_along_straight_path(
         self, q: Array, displacement: Array, normal: Array
@@ -188,8 +213,7 @@ class SmallStrainKinematics:
         frame = make_frames(normal, interface.equation >= 0)
         frame = add_tangents_along_supports(frame, held_components)
         tangents, gap_loss = frame[:, 1:], normal.copy()
-        if self._load_factor != 1:  # part of the interference is not applied yet
-            gap = gap + (1 - self._load_factor) * interface.initial_interference
+        gap = self._add_interference_not_yet_applied(gap)
         normal_by_q = np.zeros_like(frame)  # (m, component, component of translation)
         for axis in np.flatnonzero(is_free_translation.any(axis=0)):
             forward, backward = translations.copy(), translations.copy()

@@ -16,7 +16,6 @@ from petsc4py import PETSc
 import numpy as np
 import scipy  # loads scipy.optimize when it is first used
 import scipy.sparse as sp
-from dolfinx import fem
 from scipy.linalg import qr
 
 from pw_elements.arrays import Array, Indices
@@ -191,15 +190,14 @@ class RigidMotions:
     Args:
         system: contact system, which contains the supports and the contact points.
         K: stiffness (n, n) without supports.
-        space: trial space of the displacements.
 
     Attributes:
         modes: modes of rigid motion.
     """
 
-    def __init__(self, system: ContactSystem, K: PETSc.Mat, space: fem.FunctionSpace) -> None:
-        self._system, self._K, self._space = system, K, space
-        pieces = ComponentRigidModes.from_space(space)
+    def __init__(self, system: ContactSystem, K: PETSc.Mat) -> None:
+        self._system, self._K = system, K
+        pieces = system.interface.rigid_modes_of_pieces
         self.modes = RigidModes(pieces, system.free_motions, system.interface.pairs)
         self._displacement_rows = system.interface.field.owned_unknowns.ravel()
         # triangle of a QR factorisation: motions in its null space are free under the supports
@@ -311,7 +309,7 @@ class RigidMotions:
             A basis of k motions, each of a single piece or surface, and the velocities (m, dim, k)
             of the contact nodes relative to their surfaces with which contact forces do work.
         """
-        pieces, mover = ComponentRigidModes.from_space(self._space), self.modes.mover
+        pieces, mover = self._system.interface.rigid_modes_of_pieces, self.modes.mover
         resistance = qr_triangle(
             self._assemble_resistance_to_modes(pieces, with_transposed_stiffness=True),
             self._system.comm,
@@ -339,7 +337,7 @@ class RigidMotions:
         column = self._reduced_columns_of_displacements()
         forces, is_kept = np.zeros(len(column)), column >= 0
         forces[is_kept] = load.array_r[column[is_kept] - load.getOwnershipRange()[0]]
-        pieces = ComponentRigidModes.from_space(self._space)
+        pieces = self._system.interface.rigid_modes_of_pieces
         motions = pieces.matrix_with_mode_columns(pieces.modes, len(self.modes.free))
         work_and_size = np.array([motions.T @ forces, abs(motions).T @ np.abs(forces)])
         self._system.comm.Allreduce(MPI.IN_PLACE, work_and_size, MPI.SUM)
@@ -462,9 +460,10 @@ class RigidMotions:
         at_nodes = multiply(motions)
         dim, of_pieces = interface.position.shape[1], extract_local_rows(at_nodes, 0)
         destroy_objects(motions, at_nodes)
-        of_surfaces = make_map_from_free_motions_to_points(modes.free, interface.pair, dim)
-        no_surface_motion = sp.csr_array((len(interface.pair) * dim, modes.n_piece_modes))
-        return sp.csr_array(of_pieces - sp.hstack([no_surface_motion, of_surfaces]))
+        of_surfaces = make_map_from_free_motions_to_points(
+            modes.free, interface.pair, dim, n_empty_columns=modes.n_piece_modes
+        )
+        return sp.csr_array(of_pieces - of_surfaces)
 
 
 def find_motion_closing_no_gap(opening_rates: Array) -> Array | None:

@@ -665,7 +665,7 @@ class SmallStrainStepping:
         if system is None or rigid is None or system.free_motions != free_motions:
             self.release()
             system = self._make_contact_system(self._K, free_motions)
-            rigid = RigidMotions(system, self._K, self.space)
+            rigid = RigidMotions(system, self._K)
         elif system.interface is not self.interface:
             system = system.with_interface(self.interface)
         systems.system, systems.rigid = system, rigid

@@ -159,7 +159,10 @@ def replace_contact_rows_and_append_balance_rows(
 
 
 def make_map_from_free_motions_to_points(
-    free_motions: Sequence[tuple[int, int]], pair_of_point: LocalIndices, n_motions_per_surface: int
+    free_motions: Sequence[tuple[int, int]],
+    pair_of_point: LocalIndices,
+    n_motions_per_surface: int,
+    n_empty_columns: int = 0,
 ) -> sp.csr_matrix:
     """Return a matrix of ones and zeros that maps free motions to motions at the points.
 
@@ -167,19 +170,21 @@ def make_map_from_free_motions_to_points(
         free_motions: pair index and component index of each free motion.
         pair_of_point: pair index (m,) of each point.
         n_motions_per_surface: number of motions of each surface.
+        n_empty_columns: number of empty columns before those of the free motions.
 
     Returns:
-        Matrix (m n_motions_per_surface, free), with ones where a free motion moves a point.
+        Matrix (m n_motions_per_surface, n_empty_columns + free), with ones where a free motion
+        moves a point.
     """
     rows_by_motion = [
         np.flatnonzero(pair_of_point == number) * n_motions_per_surface + axis
         for number, axis in free_motions
     ]
     rows = np.concatenate([np.empty(0, dtype=np.int64), *rows_by_motion])
-    column = np.repeat(np.arange(len(free_motions)), [len(r) for r in rows_by_motion])
+    motion_number = np.repeat(np.arange(len(free_motions)), [len(r) for r in rows_by_motion])
     return sp.csr_matrix(
-        (np.ones(len(rows)), (rows, column)),
-        (len(pair_of_point) * n_motions_per_surface, len(free_motions)),
+        (np.ones(len(rows)), (rows, n_empty_columns + motion_number)),
+        (len(pair_of_point) * n_motions_per_surface, n_empty_columns + len(free_motions)),
     )
 
 

@@ -210,13 +210,12 @@ class ContactSystem:
             self.tangent = KrylovTangent(K, reduction.supports, points, solver, self.stiffness)
             return
         self._reduced_motion = reduced_motion
-        borders = make_map_from_free_motions_to_points(
-            free_motions, interface.pair, torque_map.V.shape[2]
+        self._borders = make_map_from_free_motions_to_points(
+            free_motions,
+            interface.pair,
+            torque_map.V.shape[2],
+            n_empty_columns=reduced_motion.shape[1] - len(free_motions),
         )
-        empty_columns = sp.csr_matrix(
-            (borders.shape[0], reduced_motion.shape[1] - len(free_motions))
-        )
-        self._borders = sp.hstack([empty_columns, borders], "csr")
         local_forces, contact_rows, csr = (
             self._assemble_contact_force_rows_contact_rows_and_matrix()
         )
