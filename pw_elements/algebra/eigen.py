@@ -13,7 +13,6 @@ from typing import TypeVar
 
 from mpi4py import MPI
 from petsc4py import PETSc
-from slepc4py import SLEPc
 
 import numpy as np
 import numpy.typing as npt
@@ -476,6 +475,8 @@ def _compute_modes_of_largest_eigenvalues(
         inverse = factorise(B, use_ldl, solver, reduction)
     if request.symmetrised:
         _require_positive_definite(inverse)
+    from slepc4py import SLEPc  # only eigenvalue problems need this library
+
     eigensolver = SLEPc.EPS().create(A.comm)
     eigensolver.setOperators(A, B)
     kind = SLEPc.EPS.ProblemType
@@ -599,6 +600,8 @@ def critical_step(K: PETSc.Mat, M: PETSc.Mat, reduction: Reduction) -> float:
     scaled.diagonalScale(inverse, inverse)
     # M^-1/2 K M^-1/2 of the free unknowns
     scaled = reduction.right.transposeMatMult(scaled.matMult(reduction.right))
+    from slepc4py import SLEPc  # only eigenvalue problems need this library
+
     eigensolver = SLEPc.EPS().create(scaled.comm)
     eigensolver.setOperators(scaled)
     eigensolver.setProblemType(SLEPc.EPS.ProblemType.HEP)

@@ -153,7 +153,9 @@ class SmallStrainKinematics:
         interface, comm = self._interface, self._interface.comm
         gap, normal = interface.evaluate_undeformed_gaps_and_normals(q)
         gap = self._add_interference_not_yet_applied(gap)
-        change = np.einsum("nk,nk->n", linearised.motion_by_q[:, 0], (q - linearised.q0)[interface.pair])
+        change = np.einsum(
+            "nk,nk->n", linearised.motion_by_q[:, 0], (q - linearised.q0)[interface.pair]
+        )
         round_off = RELATIVE_COORDINATE_ROUND_OFF * interface.max_extent_of_points
         with np.errstate(invalid="ignore"):  # gaps may be infinite
             is_gap_equal = np.abs(linearised.gap + change - gap) <= round_off
