@@ -19,6 +19,7 @@ from pw_elements.contact.rescue.rigid import RigidMotions
 from pw_elements.contact.rescue.smallness import (
     SmallDisplacementAndSurfacePassingCheck,
     measure_max_strain_and_rotation,
+    prepare_gradients_at_vertices,
     warn_if_no_longer_small,
     warn_if_slip_and_path_slip_differ,
 )

@@ -7,6 +7,7 @@ refused ("Contact"). The module assumes a body at small strains and a solution o
 """
 
 import logging
+from collections.abc import Callable
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -65,8 +66,51 @@ _ALLOWED_SLIP_DIFFERENCE_PER_FACET_SIZE, _ALLOWED_SLIP_DIFFERENCE_PER_MAX_DISPLA
 _SMALL_DISPLACEMENT_LIMITS = SmallDisplacementMeasures(strain=0.05, rotation=0.05, slip=0.5)
 
 
+def prepare_gradients_at_vertices(u: fem.Function) -> Callable[[slice], Array]:
+    """Return a function that evaluates the gradient of displacements u at vertices of cells.
+
+    On straight simplices with quadratic displacements, the gradient is linear, so the norms of its
+    symmetric and antisymmetric parts are largest at vertices. The derivatives of the shape
+    functions are tabulated, since it would take longer to compile or load a form.
+
+    Args:
+        u: displacements, with nodal values as unknowns.
+
+    Returns:
+        Function that takes a range of owned cells and returns gradients (cells, vertices, dim, dim)
+        of the present values of u.
+    """
+    space, mesh = u.function_space, u.function_space.mesh
+    dim, vertices = mesh.geometry.dim, basix.geometry(mesh.basix_cell())
+    geometry = mesh.ufl_domain().ufl_coordinate_element().basix_element
+    is_affine = geometry.degree == 1 and len(vertices) == dim + 1
+
+    def tabulate_slopes(element: basix.finite_element.FiniteElement, points: Array) -> Array:
+        """Return derivatives (nodes, dim, points) with respect to reference coordinates."""
+        return np.moveaxis(element.tabulate(1, points)[1:, :, :, 0], 2, 0)
+
+    def derive(slopes: Array, nodal_vectors: Array) -> Array:
+        """Return derivatives (cells, points, dim, dim) for vectors (cells, nodes, dim)."""
+        n_nodes, _, n_points = slopes.shape
+        components = np.swapaxes(nodal_vectors, 1, 2).reshape(-1, n_nodes)
+        derivatives = components @ slopes.reshape(n_nodes, -1)
+        return derivatives.reshape(-1, dim, dim, n_points).transpose(0, 3, 1, 2)
+
+    n_cells = mesh.topology.index_map(mesh.topology.dim).size_local
+    x = mesh.geometry.x[cell_geometry_nodes(mesh)[:n_cells], :dim]
+    geometry_slopes = tabulate_slopes(geometry, vertices[:1] if is_affine else vertices)
+    inverse_jacobians = np.linalg.inv(derive(geometry_slopes, x))
+    slopes, nodes = tabulate_slopes(space.element.basix_element, vertices), space.dofmap.list
+
+    def evaluate_gradients(cells: slice) -> Array:
+        nodal_displacements = u.x.array.reshape(-1, dim)[nodes[cells]]
+        return np.asarray(derive(slopes, nodal_displacements) @ inverse_jacobians[cells])
+
+    return evaluate_gradients
+
+
 def measure_max_strain_and_rotation(
-    u: fem.Function, displacement: PETSc.Vec
+    evaluate_gradients: Callable[[slice], Array], u: fem.Function, displacement: PETSc.Vec
 ) -> tuple[float, float]:
     """Return the largest strain and the largest rotation in the cells of all processes.
 
@@ -75,6 +119,7 @@ def measure_max_strain_and_rotation(
     out, since the stiffness does not show whether a body is axisymmetric.
 
     Args:
+        evaluate_gradients: function that `prepare_gradients_at_vertices` returns for u.
         u: function that is set to the displacements.
         displacement: displacement vector (n,) in the numbering of the space of u.
     """
@@ -85,7 +130,7 @@ def measure_max_strain_and_rotation(
     strain, rotation = 0.0, 0.0
     for first_cell in range(0, n_cells, _GRADIENT_BATCH_SIZE_IN_CELLS):
         cells = slice(first_cell, min(first_cell + _GRADIENT_BATCH_SIZE_IN_CELLS, n_cells))
-        values = _evaluate_gradients_at_vertices(u, cells).reshape(-1, dim, dim)
+        values = evaluate_gradients(cells).reshape(-1, dim, dim)
         transposed = np.swapaxes(values, 1, 2)
         symmetric, skew = (values + transposed) / 2, (values - transposed) / 2
         frobenius = np.linalg.norm(symmetric, axis=(1, 2))
@@ -99,35 +144,6 @@ def measure_max_strain_and_rotation(
         angles = np.linalg.norm(skew, axis=(1, 2)) / np.sqrt(2)
         rotation = max(rotation, float(angles.max()))
     return mesh.comm.allreduce(strain, MPI.MAX), mesh.comm.allreduce(rotation, MPI.MAX)
-
-
-def _evaluate_gradients_at_vertices(u: fem.Function, cells: slice) -> Array:
-    """Return the gradients (cells, vertices, dim, dim) of displacements u at vertices of cells.
-
-    On straight simplices with quadratic displacements, the gradient is linear, so the norms of its
-    symmetric and antisymmetric parts are largest at vertices. The derivatives of the shape
-    functions are tabulated, since a form for each new mesh would take longer on small meshes.
-
-    Args:
-        u: displacements, with nodal values as unknowns.
-        cells: range of local numbers of cells.
-    """
-    space, mesh = u.function_space, u.function_space.mesh
-    dim, vertices = mesh.geometry.dim, basix.geometry(mesh.basix_cell())
-    geometry = mesh.ufl_domain().ufl_coordinate_element().basix_element
-    is_affine = geometry.degree == 1 and len(vertices) == dim + 1
-
-    def derive(element: basix.finite_element.FiniteElement, points: Array, values: Array) -> Array:
-        """Return derivatives (cells, points, dim, dim) with respect to reference coordinates."""
-        slopes = element.tabulate(1, points)[1:, :, :, 0]  # (dim, points, nodes)
-        components = np.swapaxes(values, 1, 2).reshape(-1, values.shape[1])
-        derivatives = components @ slopes.reshape(-1, values.shape[1]).T
-        return derivatives.reshape(-1, dim, dim, len(points)).transpose(0, 3, 1, 2)
-
-    x = mesh.geometry.x[cell_geometry_nodes(mesh)[cells], :dim]
-    jacobians = derive(geometry, vertices[:1] if is_affine else vertices, x)
-    nodal_values = u.x.array.reshape(-1, dim)[space.dofmap.list[cells]]
-    return derive(space.element.basix_element, vertices, nodal_values) @ np.linalg.inv(jacobians)
 
 
 def warn_if_no_longer_small(
@@ -173,6 +189,7 @@ class SmallDisplacementAndSurfacePassingCheck:
     def __init__(self, interface: ContactInterface, space: fem.FunctionSpace) -> None:
         self._interface, self._comm = interface, interface.comm
         self._u = fem.Function(space)
+        self._evaluate_gradients = prepare_gradients_at_vertices(self._u)
         self._node_of_facet, self._facet_normal, size = _nodes_normals_and_sizes_of_exterior_facets(
             interface.node, space
         )
@@ -214,7 +231,9 @@ class SmallDisplacementAndSurfacePassingCheck:
         self._raise_if_surfaces_pass_body(increment.start, end.q)
         interface, nodes = self._interface, end.nodes
         displacement = interface.field.extract(end.unknowns)
-        strain, rotation = measure_max_strain_and_rotation(self._u, displacement)
+        strain, rotation = measure_max_strain_and_rotation(
+            self._evaluate_gradients, self._u, displacement
+        )
         is_closed = nodes.active_set.status != OPEN
         cosine = self._min_cosine_to_outward_normals(nodes.frame[:, 0])
         for k in np.flatnonzero(self._is_rigid_pair):

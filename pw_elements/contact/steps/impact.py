@@ -47,6 +47,7 @@ from pw_elements.contact.nodes import OPEN, SLIP, STICK
 from pw_elements.contact.rescue import (
     SmallDisplacementAndSurfacePassingCheck,
     measure_max_strain_and_rotation,
+    prepare_gradients_at_vertices,
     warn_if_no_longer_small,
 )
 from pw_elements.contact.steps.checks import (
@@ -376,6 +377,7 @@ def solve_impact(
         v,
     )
     smallness, displacement_function = SmallDisplacementMeasures(), fem.Function(space)
+    evaluate_gradients = prepare_gradients_at_vertices(displacement_function)
     integration.max_surface_steps = SmallDisplacementAndSurfacePassingCheck(
         interface, space
     ).min_facet_sizes
@@ -387,7 +389,9 @@ def solve_impact(
             if n in kept_steps or n == n_steps:
                 true_displacement = u.copy() if sibling is None else sibling.displacement(u)
                 state = integration.make_state_of_last_step(true_displacement, contact)
-                largest = measure_max_strain_and_rotation(displacement_function, true_displacement)
+                largest = measure_max_strain_and_rotation(
+                    evaluate_gradients, displacement_function, true_displacement
+                )
                 previous, smallness = smallness, SmallDisplacementMeasures(*largest)
                 warn_if_no_longer_small(smallness, previous, f"step {n}", comm)
                 states += [replace(state, smallness=smallness)] * (n in kept_steps)
