@@ -5,14 +5,17 @@ them on every machine. `./run python3 -m tests.contact.test_costs` prints the nu
 """
 
 from collections.abc import Callable
+from unittest.mock import patch
 
 from mpi4py import MPI
 
+import numpy as np
 import pytest
 
 from pw_elements import Direct, Iterative
-from pw_elements.contact import Motion, solve_contact
-from tests.contact.cases import BlockOnFloor, PunchedBlock
+from pw_elements.contact import ContactPair, Motion, Parabola, Plane, Sphere, solve_contact
+from pw_elements.contact.nodes import SmallStrainKinematics
+from tests.contact.cases import BlockOnFloor, PunchedBlock, on_plane
 from tests.contact.iterative import SolidBlock, nearly_sliding_contact_arguments
 from tests.contact.test_large import (
     RubberUnderCircle,
@@ -116,6 +119,30 @@ def test_a_contact_solution_costs_no_more_than_stored(name):
     assert n_added_systems <= MAX_ADDED_SYSTEMS
     assert costs[1] <= n_factorisations + n_added_systems
     assert costs[2] <= MAX_ITERATION_GROWTH * n_iterations + 2
+
+
+@pytest.mark.parametrize(
+    ("surface", "n_linearisations"),
+    [(Plane((0, 4), (0, -1)), 1), (Parabola((0, 4), 8.0), 1), (Sphere((0, 12), 8.0), 2)],
+)
+def test_only_curved_distances_are_linearised_again_at_a_solution(surface, n_linearisations):
+    """A pressed surface is linearised at the start, and again if its gaps do not change linearly.
+
+    In both cases the reported gaps are those of the surface in its final position.
+    """
+    block = PunchedBlock()
+    motions = [Motion((0.0, None), force=(0.0, -0.05))]
+    pair = ContactPair(on_plane(1, 4.0), surface, 0.3, motions)
+    linearise = SmallStrainKinematics.linearise
+    with patch.object(SmallStrainKinematics, "linearise", autospec=True) as counter:
+        counter.side_effect = linearise
+        (state,) = block.solve_contact(pair, block.base_supports)
+    assert counter.call_count == n_linearisations
+    (end,) = state.pairs
+    assert end.translation[1] < 0
+    undeformed = end.position - end.translation
+    displaced = np.sum(surface.normal(undeformed) * end.displacement, axis=1)
+    assert end.gap == pytest.approx(surface.gap(undeformed) + displaced, abs=1e-14)
 
 
 if __name__ == "__main__" and MPI.COMM_WORLD.rank == 0:
