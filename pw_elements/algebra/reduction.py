@@ -107,11 +107,12 @@ def free_dofs_and_prescribed_values(
         if differs.any():
             x = field.space.tabulate_dof_coordinates()[: len(differs)][differs]
             contradictions = np.vstack([contradictions, x[:, : contradictions.shape[1]]])
-    contradictions = np.unique(np.concatenate(comm.allgather(contradictions)), axis=0)
+    contradictions = np.concatenate(comm.allgather(contradictions))
     if len(contradictions):
+        positions = format_points(np.unique(contradictions, axis=0))
         raise ValueError(
-            f"Dirichlet conditions contradict each other at {format_points(contradictions)}: a "
-            "degree of freedom can have one value"
+            f"Dirichlet conditions contradict each other at {positions}: a degree of freedom can "
+            "have one value"
         )
     offset = PETSc.Vec().createMPI((owned, index_map.size_global * block), comm=comm)
     offset.setArray(values[:owned])

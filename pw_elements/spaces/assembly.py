@@ -282,8 +282,12 @@ def _metadata_with_sub_cell_rule(integral: ufl.Integral) -> dict[str, Any]:
     """Return the metadata of an integral, with a rule on sub-cells if its elements need one."""
     metadata: dict[str, Any] = integral.metadata()
     rule = metadata.get("quadrature_rule", "default")
-    has_sub_cells = any(map(_find_piecewise_linear_tetrahedra, extract_elements(integral)))
-    if integral.integral_type() != "cell" or rule == "custom" or not has_sub_cells:
+    cell_type = integral.ufl_domain().ufl_coordinate_element().cell_type
+    if integral.integral_type() != "cell" or rule == "custom":
+        return metadata
+    if cell_type is not CellType.tetrahedron or not any(
+        map(_find_piecewise_linear_tetrahedra, extract_elements(integral))
+    ):
         return metadata
     if rule != "default":
         raise ValueError(
