@@ -8,10 +8,11 @@ from petsc4py import PETSc
 
 import numpy as np
 import pytest
+import ufl
 from dolfinx import fem
 from dolfinx.mesh import CellType, create_box
 
-from pw_elements import Spaces
+from pw_elements import Spaces, assemble_vector
 from pw_elements.contact import (
     ContactPair,
     FlatPunch,
@@ -22,6 +23,7 @@ from pw_elements.contact import (
     Sphere,
     SurfacePassed,
 )
+from pw_elements.contact.interface import integrate_outward_normals
 from pw_elements.contact.model import SmallDisplacementMeasures
 from pw_elements.contact.rescue.smallness import (
     measure_max_strain_and_rotation,
@@ -115,6 +117,18 @@ def test_uniform_gradients_are_measured_exactly(name):
         gradient = A[:dim, :dim]
         assert strain == pytest.approx(np.linalg.norm(gradient + gradient.T, 2) / 2, abs=1e-12)
         assert rotation == pytest.approx(np.linalg.norm(gradient - gradient.T, 2) / 2, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "name", ["triangles", "quadrilaterals", "8 nodes", "composite", "tetrahedra"]
+)
+def test_outward_normals_of_flat_facets_are_integrals_of_shape_functions(name):
+    space = SPACE_MAKERS_BY_NAME[name]().trial
+    v = ufl.TestFunction(space)
+    expected = assemble_vector(ufl.inner(ufl.FacetNormal(space.mesh), v) * ufl.ds).array
+    normals = integrate_outward_normals(space)
+    assert normals == pytest.approx(expected.reshape(normals.shape), abs=1e-14)
+    assert np.abs(normals).max() > 0.01
 
 
 # -- what states report ----------------------------------------------------------------------

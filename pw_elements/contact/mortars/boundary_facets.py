@@ -208,17 +208,18 @@ def integrate_outward_normals(space: fem.FunctionSpace) -> Array:
     nodes, x, normals = compute_facet_nodes_positions_and_facet_normals(
         space, exterior_facet_indices(mesh.topology)
     )
-    facet_type = basix.cell.subentity_types(mesh.basix_cell())[facet_dim][0]
-    element = basix.create_element(
-        basix.ElementFamily.P,
-        facet_type,
-        space.element.basix_element.degree,
-        basix.LagrangeVariant.gll_warped,
+    cell_type, element = mesh.basix_cell(), space.element.basix_element
+    facet_type = basix.cell.subentity_types(cell_type)[facet_dim][0]
+    points, weights = basix.make_quadrature(
+        facet_type, element.embedded_superdegree, polyset_type=element.polyset_type
     )
-    points, weights = basix.make_quadrature(facet_type, element.degree)
-    fractions = weights @ element.tabulate(0, points)[0, :, :, 0] / weights.sum()
+    corners = basix.geometry(cell_type)[basix.topology(cell_type)[facet_dim][0]]
+    points = corners[0] + points @ (corners[1 : facet_dim + 1] - corners[0])
+    nodes_of_first_facet = space.dofmap.dof_layout.entity_closure_dofs(facet_dim, 0)
+    functions = element.tabulate(0, points)[0, :, nodes_of_first_facet, 0]
+    fractions = functions @ weights / weights.sum()  # the same on all facets
     fractions[np.abs(fractions) < _NEGLIGIBLE_FRACTION_OF_FACET] = 0.0
-    sizes = compute_cell_lengths_or_areas(x[:, : len(basix.geometry(facet_type))])
+    sizes = compute_cell_lengths_or_areas(x[:, : len(corners)])
     area_vectors = (sizes[:, None] * normals)[:, None, :] * fractions[:, None]
     sums = la.vector(index_map, facet_dim + 1)
     sums.array[:] = 0.0
