@@ -34,6 +34,7 @@ COARSE_MESH_SETTINGS = {
     "seal": "cells = 8",
     "shaft_seal": "cells = 6",
     "seepage": "size, permeability, head = 3.0, 1e-5, 6.0",
+    "snap_fit": "size = 0.4",
     "sphere_on_block": "size, side = 0.3, 4.0",
     "tuning_fork": "size = 8.0",
 }
@@ -172,6 +173,20 @@ def test_identify_recovers_the_true_parameters(run_example):
     assert fit.nfev < 12
     assert np.all(np.abs(fit.x - names["truth"]) < 3 * spread + 0.02 * np.array(names["truth"]))
     assert np.all(spread < 0.06 * np.array(names["truth"]))
+
+
+def test_snap_fit_snaps_forwards_behind_the_catch(run_example):
+    """The catch lifts and holds back the clip on its slope, and pushes it forwards behind it."""
+    names = run_example("snap_fit")
+    against_push, upwards = -names["forces"][:, 0], names["forces"][:, 2]
+    assert upwards[0] == 0.0
+    climbing = slice(2, int(upwards.argmax()))
+    # the slope of both bumps is at most 26 degrees, and friction adds 11 degrees
+    assert np.all(against_push[climbing] > 0.2 * upwards[climbing])
+    assert np.all(against_push < np.tan(np.radians(26.2 + 11.4)) * upwards.max())
+    assert against_push.min() < 0
+    balance = [state.pairs[0].opposite_force.sum(axis=0) for state in names["states"][1:]]
+    assert np.abs(names["forces"] + balance).max() < 1e-10 * upwards.max()
 
 
 def test_shaft_seal_resistance_grows_at_the_shoulder(run_example):

@@ -33,6 +33,7 @@ GALLERY_ORDER = (
     "driven_wheel",
     "identify",
     "shaft_seal",
+    "snap_fit",
     "seal",
     "buckling",
     "seepage",
