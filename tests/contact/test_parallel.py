@@ -25,6 +25,7 @@ from pw_elements.contact import (
 from pw_elements.meshes import triangles
 from tests.contact import test_large as large
 from tests.contact import test_turning as turning
+from tests.contact.blocks_in_space import BlocksInSpace
 from tests.contact.cases import BlockOnFloor, PunchedBlock, on_plane
 from tests.contact.histories import (
     HISTORY_MAKERS_BY_NAME,
@@ -235,6 +236,12 @@ def solve_and_collect_finite_strain_fields(comm, folder):
     )[-1].pairs
     for field in ("force_normal", "force_tangential", "slip", "gap", "opposite_force"):
         fields[f"die's {field}"] = np.nan_to_num(getattr(pair, field), posinf=-1.0)
+    blocks = BlocksInSpace(upper_is_slave=False, comm=comm)
+    has_contact_nodes = comm.allgather(any(np.isclose(blocks.owned_positions[:, 2], 0.0)))
+    assert comm.size == 1 or sum(has_contact_nodes) > 1, "the partition spares the contact"
+    (pair,) = blocks.slide([(0.0, 0.0, -0.06), (0.1, 0.02, -0.06)])[-1].pairs
+    for field in ("force_normal", "force_tangential", "slip", "gap", "opposite_force"):
+        fields[f"blocks' {field}"] = np.nan_to_num(getattr(pair, field), posinf=-1.0)
     case = RandomRubber(0, comm=comm)
     problem, states = case.solve()
     arguments = states, case.outputs, list(case.parameters.values()), case.loads

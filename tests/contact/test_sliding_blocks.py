@@ -1,0 +1,222 @@
+"""Two deformable blocks in space at large sliding: balance, friction, symmetry, output, errors."""
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from dolfinx.mesh import CellType
+
+from pw_elements import Iterative, prescribe
+from pw_elements.contact import (
+    OPEN,
+    SLIP,
+    STICK,
+    ContactFields,
+    Motion,
+    SurfacePassed,
+    write,
+)
+from tests.contact.blocks_in_space import BLOCK_PATH, INITIAL_GAP, BlocksInSpace
+from tests.contact.cases import list_states_and_substates, on_plane
+from tests.contact.sides_in_space import compare_mortar_with_verification
+from tests.library import vtx
+
+FRICTION = 0.3
+MATCHING_BOXES = ((-0.8, -0.6, -0.5), (0.8, 0.6, 0.0)), ((-0.4, -0.4, 0.0), (0.4, 0.4, 0.5))
+BLOCK_OPTIONS_BY_NAME = {
+    "crowned": {},
+    "flat": {"crown": 0.0},
+    "matching": {"crown": 0.0, "boxes": MATCHING_BOXES},
+    "lower slave": {"upper_is_slave": False},
+    "nearly incompressible": {"element": "hybrid", "compressibility": 1e-3},
+}
+
+
+@pytest.fixture(scope="module", params=BLOCK_OPTIONS_BY_NAME)
+def blocks_states_and_violations(request):
+    """Return blocks, the states along their path, and the violations in all iterations.
+
+    The violations of the contact law are given as pairs (increment, violation).
+    """
+    violations = []
+
+    def record_violation(progress):
+        if progress.state is None:
+            violations.append((progress.increment, progress.violation * 1e-9))
+
+    blocks = BlocksInSpace(
+        friction=FRICTION, callback=record_violation, **BLOCK_OPTIONS_BY_NAME[request.param]
+    )
+    return blocks, blocks.slide(), violations
+
+
+def test_blocks_slide_by_more_than_a_cell(blocks_states_and_violations):
+    """Forces balance, each node obeys Coulomb's law, and Newton's method converges quadratically.
+
+    Friction opposes the slip.
+    """
+    _, states, violations = blocks_states_and_violations
+    for k, state in enumerate(states):
+        (pair,) = state.pairs
+        largest = np.abs(pair.force).max()
+        assert np.abs(pair.opposite_force.sum(axis=0) + pair.force).max() < 1e-10 * largest
+        shear, limit = np.linalg.norm(pair.force_tangential, axis=1), FRICTION * pair.force_normal
+        slips = pair.status == SLIP
+        error = np.where(slips, np.abs(shear - limit), shear - limit)
+        assert error.max() < 1e-8 * np.abs(pair.force_vector).max()
+        if not state.substates:  # slips are those since the last substate
+            work = np.sum(pair.force_tangential * pair.slip, axis=1)
+            expected_work = limit * np.linalg.norm(pair.slip, axis=1)
+            assert np.abs(work + expected_work)[slips].max() < 1e-8 * largest
+        assert np.abs(pair.slip[pair.status == STICK]).max(initial=0.0) < 1e-10
+        previous, last = [violation for increment, violation in violations if increment == k][-2:]
+        assert last < max(1e-11, 1e3 * previous**2)
+    assert (pair.status == SLIP).sum() > 10
+    assert np.abs(pair.slip).max() > 0.2  # half a cell of the upper block is 0.2
+    ratio = np.linalg.norm(pair.force[:2]) / abs(pair.force[2])
+    assert 0.9 * FRICTION < ratio < FRICTION
+
+
+def test_the_verification_of_states_agrees_with_the_iteration(blocks_states_and_violations):
+    blocks, states, _ = blocks_states_and_violations
+    mortar = blocks.problem._large_strain_stepping.interface.mortars[0]
+    positions = [mortar.x]
+    for state in list_states_and_substates(states):
+        fields = ContactFields.from_state(state, blocks.space)
+        displacement = fields.displacement.x.array.reshape(-1, 3)
+        positions.append(mortar.x + displacement[mortar.nodes])
+    for start, end in itertools.pairwise(positions):
+        assert max(compare_mortar_with_verification(mortar, start, end).values()) < 1e-10
+
+
+def test_a_resumed_history_is_the_same_history(blocks_states_and_violations, tmp_path):
+    blocks, states, _ = blocks_states_and_violations
+    blocks.problem.save(states[1], tmp_path / "state.npz")
+    loaded_state = blocks.problem.load(tmp_path / "state.npz")
+    (state,) = blocks.slide(BLOCK_PATH[2:], loaded_state, BLOCK_PATH[1])
+    for name in ("force_vector", "opposite_force", "slip", "status"):
+        value, expected = getattr(state.pairs[0], name), getattr(states[-1].pairs[0], name)
+        assert np.abs(value - expected).max() <= 1e-12 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize(
+    ("axes", "path"),
+    [((0,), [(0.0, 0.0, -0.04), (0.0, 0.1, -0.04)]), ((0, 1), [(0.0, 0.0, -0.05)])],
+    ids=["half", "quarter"],
+)
+def test_a_part_model_has_the_forces_of_the_whole_model(axes, path):
+    """The edges of the contact surface lie on planes of symmetry in the half or quarter model.
+
+    Triangles beside such a plane are projected along their own normals, which are not parallel to
+    it. A strip as narrow as the gap thus faces nothing in the part model, hence the tolerances.
+    """
+    boxes = (
+        ((0.0, -0.7 * (1 not in axes), -0.5), (0.7, 0.7, 0.0)),
+        ((0.0, -0.3 * (1 not in axes), 0.0), (0.4, 0.3, 0.4)),
+    )
+    part, whole = (
+        BlocksInSpace(((2, 2, 1), (2, 2, 1)), boxes, **{name: axes})
+        for name in ("symmetry_axes", "mirror_axes")
+    )
+    ends = [blocks.slide(path)[-1].pairs[0] for blocks in (part, whole)]
+    for side in ("force_vector", "opposite_force"):
+        part_forces, whole_forces = (getattr(pair, side) for pair in ends)
+        expected = 2 ** len(axes) * part_forces.sum(axis=0)
+        expected[list(axes)] = 0.0
+        error = np.abs(whole_forces.sum(axis=0) - expected).max()
+        assert error < 1e-7 * np.abs(expected).max()
+    part_x, whole_x = (pair.position for pair in ends)
+    distance = np.linalg.norm(part_x[:, None] - whole_x, axis=2)
+    same = distance.argmin(axis=1)
+    assert distance.min(axis=1).max() < 1e-12
+    n_images = 2.0 ** np.isclose(part_x[:, list(axes)], 0.0).sum(axis=1)
+    for name, factor in (("force_normal", n_images), ("slip", 1.0), ("gap", 1.0)):
+        value, expected = getattr(ends[0], name), getattr(ends[1], name)[same]
+        value = value * factor
+        assert np.array_equal(np.isfinite(value), np.isfinite(expected))
+        finite = np.isfinite(value)
+        assert np.abs(value - expected)[finite].max() < 1e-5 * max(
+            np.abs(expected[finite]).max(), 1e-3
+        )
+
+
+def test_fields_contain_pressures_and_forces_of_both_sides(tmp_path):
+    """A uniform pressure is transferred exactly between blocks with non-matching meshes.
+
+    The blocks have the same width and lie between frictionless walls. All fields of both sides are
+    written and, if the library for reading is installed, read.
+    """
+    boxes = ((0.0, 0.0, -0.5), (1.0, 0.8, 0.0)), ((0.0, 0.0, 0.0), (1.0, 0.8, 0.5))
+    blocks = BlocksInSpace(((3, 2, 1), (2, 2, 1)), boxes, crown=0.0, friction=0.0)
+    blocks.conditions[:0] = [
+        prescribe(blocks.space, i, lambda x, i=i, end=end: np.isclose(x[i] * (end - x[i]), 0.0))
+        for i, end in ((0, 1.0), (1, 0.8))
+    ]
+    states = blocks.slide([(0.0, 0.0, -0.05), (0.0, 0.0, -0.1)])
+    fields = ContactFields.from_state(states[0], blocks.body)
+    fields.fill(states[-1])
+    (pair,) = states[-1].pairs
+    forces = fields.force.x.array.reshape(-1, 3)
+    assert np.abs(forces[pair.opposite_node] - pair.opposite_force).max() < 1e-15
+    both_sides = np.concatenate([pair.node, pair.opposite_node])
+    assert np.abs(forces[both_sides].sum(axis=0)).max() < 1e-12 * pair.force[2]
+    mean_pressure = pair.force[2] / 0.8
+    for function in (fields.pressure, fields.true_pressure, fields.tributary_pressure):
+        values = function.x.array[both_sides]
+        assert np.abs(values / mean_pressure - 1).max() < 1e-9, function.name
+    (opposite_fields,) = fields.opposite
+    assert opposite_fields.results(pair).tension_ratio < 1e-9
+    refilled_fields = ContactFields.from_state(states[-1], blocks.body)
+    for function, refilled in zip(fields.functions(), refilled_fields.functions(), strict=True):
+        assert np.array_equal(function.x.array, refilled.x.array, equal_nan=True), function.name
+    write(tmp_path / "blocks.bp", states, blocks.body)
+    if vtx.load_adios2_library():
+        (_, _), (_, step) = vtx.read_times_and_fields(tmp_path / "blocks.bp")
+        assert np.nanmax(step["pressure"]) == pytest.approx(mean_pressure)
+        pressed = step["pressure"] > 0.5 * mean_pressure
+        assert pressed.sum() == len(both_sides)
+
+
+@pytest.mark.parametrize("upper_is_slave", [True, False])
+def test_a_block_slides_off_the_other_one(upper_is_slave):
+    blocks = BlocksInSpace(upper_is_slave=upper_is_slave)
+    path = [(0.0, 0.0, -0.06), (0.6, 0.0, -0.06), (1.6, 0.1, -0.06)]
+    states = blocks.slide(path)
+    assert all(state.pairs[0].force[2] * (2 * upper_is_slave - 1) > 1e-3 for state in states[:2])
+    (pair,) = states[-1].pairs
+    assert np.abs(pair.force_vector).max() < 1e-12
+    assert (pair.status == OPEN).all()
+    assert np.abs(pair.displacement - np.array(path[-1]) * upper_is_slave).max() < 1e-9
+
+
+@pytest.mark.parametrize("upper_is_slave", [True, False])
+def test_blocks_driven_through_each_other_are_refused(upper_is_slave):
+    calls = []
+    blocks = BlocksInSpace(upper_is_slave=upper_is_slave, callback=calls.append)
+    with pytest.raises(SurfacePassed, match="the bodies are driven through"):
+        blocks.slide([(0.0, 0.0, -2.0)])
+    assert not calls
+
+
+def test_unsupported_pairs_are_refused():
+    blocks = BlocksInSpace()
+    surface = blocks.pair.surface
+
+    def on_bottom_and_one_side(x):
+        return blocks.on_upper_bottom(x) | (np.isclose(x[0], 0.3) & (x[2] > INITIAL_GAP / 2))
+
+    cases = [
+        (replace(surface, coincident=True), {}, "`coincident` sides are supported for small"),
+        (surface, {"nodes": on_bottom_and_one_side}, "has an edge at .*a pair of its own"),
+        (surface, {"nodes": on_plane(2, 0.5)}, "faces the opposite part"),
+    ]
+    for case_surface, changes, message in cases:
+        with pytest.raises(ValueError, match=message):
+            blocks.make_problem(replace(blocks.pair, surface=case_surface, **changes))
+    with pytest.raises(ValueError, match="does not support two bodies"):
+        blocks.make_problem(solver=Iterative())
+    with pytest.raises(ValueError, match="cannot have free motions"):
+        blocks.problem.step(blocks.problem.undeformed, motions=Motion((0.0, 0.0, None)))
+    with pytest.raises(ValueError, match="on tetrahedra: use tetrahedra, or state small displ"):
+        BlocksInSpace(cell=CellType.hexahedron).make_problem()

@@ -1,0 +1,348 @@
+"""Two sides in space that slide on each other: mortar integrals, slips, derivatives, paths."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from pw_elements.contact.mortars import SpaceSlidingMortar
+from pw_elements.contact.mortars.space import _TIE_BREAKING_SHIFT
+from tests.contact.sides_in_space import (
+    compare_mortar_with_verification,
+    make_facets_of_height_field,
+    make_mortar_of_curved_sides,
+    make_mortar_of_flat_sides,
+    slave_mask,
+)
+
+
+def make_disturbed_start_and_end_positions(seed):
+    """Return a mortar, and randomly disturbed positions (n, 3) of its nodes at start and end.
+
+    Some slave nodes face the master at the end only.
+    """
+    mortar, rng = make_mortar_of_curved_sides(seed), np.random.default_rng([11, seed])
+    end = mortar.x + rng.normal(size=mortar.x.shape) * 0.004
+    start = end + rng.normal(size=end.shape) * 0.01 - slave_mask(mortar) * [0.7, 0.2, 0.0]
+    return mortar, start, end
+
+
+def forbid_components_at_two_edges(mortar):
+    """Restrict normals at two edges of the slave to planes of symmetry."""
+    for axis in (0, 1):
+        x = mortar.x[: mortar.n_slave_nodes, axis]
+        mortar.allowed_components[np.isclose(x, x.min()), axis] = False
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_mortar_derivatives_agree_with_central_differences(seed):
+    """Derivatives in random directions agree with central differences to 1e-7.
+
+    With odd seeds, normals at two edges of the slave lie in planes of symmetry.
+    """
+    mortar, start, x = make_disturbed_start_and_end_positions(seed)
+    if seed % 2:
+        forbid_components_at_two_edges(mortar)
+    reference, projected = mortar.make_slip_reference(start), mortar.linearise(x)
+    rng, faced, h = np.random.default_rng(seed), projected.faces_master, 1e-6
+    assert (faced & ~reference.is_facing_master).any()
+    assert (faced & reference.is_facing_master).any()
+    force, tangents = rng.normal(size=(mortar.n_slave_nodes, 3)), projected.directions.tangents
+
+    def evaluate_mortar_quantities(x):
+        projected = mortar.linearise(x)
+        slip, _ = projected.measure_slip_and_motion_derivatives(reference, x)
+        slip_vectors = np.einsum("mt,mtx->mx", slip, projected.directions.tangents)
+        along_tangents = [
+            np.sum(tangents[:, i] * vectors, axis=1)[faced]
+            for vectors in (slip_vectors, projected.normals)
+            for i in (0, 1)
+        ]
+        return [
+            (projected.master_fractions.T @ force).ravel(),
+            projected.mean_distance.ravel(),
+            projected.gaps[faced],
+            *along_tangents,
+        ]
+
+    _, motion_derivatives = projected.measure_slip_and_motion_derivatives(reference, x)
+    derivatives = [
+        projected.differentiate_master_forces(force),
+        projected.distance_rate,
+        *(derivative[faced] for derivative in motion_derivatives),
+    ]
+    for _ in range(6):
+        direction = rng.normal(size=x.shape)
+        ends = [evaluate_mortar_quantities(x + sign * h * direction) for sign in (1, -1)]
+        for derivative, forward, backward in zip(derivatives, *ends, strict=True):
+            expected = derivative @ direction.ravel()
+            error = np.abs((forward - backward) / (2 * h) - expected).max()
+            assert error < 1e-7 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_the_verification_agrees_with_the_mortar(seed):
+    """The independent verification and the mortar compute the same integrals for disturbed sides.
+
+    The sides are shifted and rotated, so that they overlap partly.
+    """
+    mortar = make_mortar_of_curved_sides(seed)
+    if seed % 2:
+        forbid_components_at_two_edges(mortar)
+    rng, is_slave = np.random.default_rng([13, seed]), slave_mask(mortar)
+    shifts = rng.uniform(-0.9, 0.9, (2, 3)) * [1.0, 1.0, 0.05]
+    positions = [
+        (mortar.x + is_slave * shift + rng.normal(size=mortar.x.shape) * 0.006)
+        @ Rotation.random(random_state=rng).as_matrix().T
+        for shift in shifts
+    ]
+    for start, end in (positions, positions[::-1]):
+        assert max(compare_mortar_with_verification(mortar, start, end).values()) < 1e-12
+    n_faced = sum(mortar.linearise(x).faces_master.sum() for x in positions)
+    assert 0 < n_faced < 2 * mortar.n_slave_nodes
+
+
+MATCHING_SIDES = {
+    "same meshes": ((2, 2), (0.0, 0.0), (1.0, 1.0)),
+    "same vertices, partly covered": ((2, 4), (0.75, 0.5), (0.5, 1.0)),
+    "slave nodes on master edges": ((4, 2), (0.25, 0.25), (0.5, 1.0)),
+    "edges on edges": ((3, 2), (0.0, 0.0), (1.0, 1.0)),
+}
+
+
+@pytest.mark.parametrize(
+    ("disturbance", "tolerance"), [(0.0, 1e-12), (1e-12, 3e-11), (1e-8, 1e-12), (1e-4, 1e-12)]
+)
+@pytest.mark.parametrize("name", MATCHING_SIDES)
+def test_the_verification_agrees_where_vertices_or_edges_coincide(name, disturbance, tolerance):
+    """Both agree for coinciding vertices and edges, which may be displaced at random.
+
+    Displacements below the tie-breaking shift of 1e-11 edge lengths may change integrals by it.
+    """
+    mortar = make_mortar_of_flat_sides(*MATCHING_SIDES[name])
+    rng = np.random.default_rng(17)
+    x = mortar.x + rng.normal(size=mortar.x.shape) * disturbance
+    rotated_x = x @ Rotation.from_rotvec([0.7, 1.1, -0.5]).as_matrix().T
+    for start, end in ((mortar.x, x), (rotated_x, rotated_x)):
+        assert max(compare_mortar_with_verification(mortar, start, end).values()) < tolerance
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_verification_agrees_on_a_closed_seam_of_curved_matching_meshes(seed):
+    """Both sides of a curved cut through one body have the same nodes."""
+
+    def height(x, y):
+        return 0.3 * np.sin(2 * x + seed) * np.cos(y)
+
+    slave, master = (
+        make_facets_of_height_field(3, height, first, outward, jitter=0.03, seed=seed)
+        for first, outward in ((0, -1.0), (1000, 1.0))
+    )
+    mortar = SpaceSlidingMortar(slave, master)
+    x = mortar.x + slave_mask(mortar) * [1e-8, 0.0, 0.0]
+    for start, end in ((mortar.x, mortar.x), (mortar.x, x)):
+        assert max(compare_mortar_with_verification(mortar, start, end).values()) < 1e-12
+    assert np.abs(mortar.linearise(mortar.x).gaps).max() < 1e-12
+
+
+@pytest.mark.parametrize("name", MATCHING_SIDES)
+def test_one_sided_derivatives_of_coinciding_sides_are_consistent(name):
+    """Where vertices or edges coincide, derivatives are one-sided and belong to one direction.
+
+    On each slave triangle, all parts' derivatives in the direction of the tie-breaking shift, and
+    in directions near it, equal forward differences of the integrals.
+    """
+    mortar, h = make_mortar_of_flat_sides(*MATCHING_SIDES[name]), 1e-5
+    x, rng = mortar.x, np.random.default_rng(19)
+    n = len(x)
+
+    def integrate_over_slave_triangle(x, triangle):
+        """Return integrals (9, n + 6) of products on a triangle, and their derivatives."""
+        parts = mortar._integrate_over_facing_parts(x)
+        values, rates = np.zeros((6 + 3 * n,)), np.zeros((6 + 3 * n, n, 3))
+        for q in np.flatnonzero(parts.slave_facet == triangle):
+            mixed_rates = parts.mixed_products_rate[q].reshape(3, 3, 6, 3)
+            values[:6] += parts.slave_products[q]
+            rates[:6, parts.nodes[q]] += parts.slave_products_rate[q].reshape(6, 6, 3)
+            for i in range(3):
+                row = 6 + n * i + parts.master_nodes[q]
+                values[row] += parts.mixed_products[q, i]
+                for k in range(3):
+                    rates[row[k], parts.nodes[q]] += mixed_rates[i, k]
+        return values, rates
+
+    for triangle in rng.choice(len(mortar.sides.slave_triangles), 6, replace=False):
+        corners = x[mortar.sides.slave_triangles[triangle]]
+        shift = _TIE_BREAKING_SHIFT @ (corners[1:] - corners[0])
+        direction = np.where(slave_mask(mortar), 0.0, shift / np.linalg.norm(shift))
+        direction = direction + 0.03 * rng.normal(size=x.shape)
+        start, once, twice = (
+            integrate_over_slave_triangle(x + k * h * direction, triangle)[0] for k in range(3)
+        )
+        _, rates = integrate_over_slave_triangle(x, triangle)
+        forward = (4 * once - 3 * start - twice) / (2 * h)
+        assert np.abs(rates.reshape(-1, 3 * n) @ direction.ravel() - forward).max() < 1e-8
+
+
+@pytest.mark.parametrize("name", MATCHING_SIDES)
+def test_covered_areas_do_not_change_with_tangential_motions_of_a_covering_master(name):
+    """Wholly covered areas do not change if single nodes of the flat master move along it."""
+    mortar = make_mortar_of_flat_sides(*MATCHING_SIDES[name])
+    parts = mortar._integrate_over_facing_parts(mortar.x)
+    corners = mortar.x[mortar.sides.slave_triangles]
+    inside = (np.abs(corners[..., :2]) < 1 - 1e-9).all(axis=(1, 2))
+    assert inside.any()
+    is_square = [0, 3, 5]  # numbers of products of a weight function with itself
+    area_rates = np.zeros((len(corners), *mortar.x.shape))
+    by_part = (2 * parts.slave_products_rate.sum(axis=1)) - parts.slave_products_rate[
+        :, is_square
+    ].sum(axis=1)
+    for facet, nodes, rate in zip(parts.slave_facet, parts.nodes, by_part, strict=True):
+        area_rates[facet, nodes] += rate.reshape(6, 3)
+    tangential = area_rates[inside][:, mortar.n_slave_nodes :, :2]
+    assert np.abs(tangential).max() < 1e-14 < np.abs(area_rates).max()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_rigid_motion_of_both_bodies_is_no_slip(seed):
+    """A rigid motion of both bodies together causes no slip, and keeps paired points paired."""
+    mortar, _, x = make_disturbed_start_and_end_positions(seed)
+    end = x @ Rotation.random(random_state=seed).as_matrix().T + [3.0, -2.0, 1.0]
+    start, projected = mortar.make_slip_reference(x), mortar.linearise(end)
+    assert abs(projected.distance_rows - start.distance_rows).max() < 1e-13
+    slip, _ = projected.measure_slip_and_motion_derivatives(start, end)
+    assert np.abs(slip).max() < 1e-13
+
+
+@pytest.mark.parametrize("rotation", [[0.9, 0.0, 0.0], [0.7, -1.6, 0.0], [0.0, 2.9, 0.0]])
+def test_nodes_that_faced_nothing_at_the_start_do_not_slip_in_a_rigid_rotation(rotation):
+    """Nodes that faced nothing do not slip if flat sides rotate about an axis in their plane."""
+    mortar = make_mortar_of_flat_sides((3, 2), (0.83, 0.31), gap=0.02)
+    end = mortar.x @ Rotation.from_rotvec(rotation).as_matrix().T + [3.0, -2.0, 1.0]
+    start = mortar.make_slip_reference(mortar.x)
+    unfaced_start = replace(
+        start,
+        distance_rows=0.0 * start.distance_rows,
+        is_facing_master=np.zeros_like(start.is_facing_master),
+    )
+    slip, _ = mortar.linearise(end).measure_slip_and_motion_derivatives(unfaced_start, end)
+    assert np.abs(slip).max() < 1e-13
+
+
+def test_linear_fields_are_transferred_exactly_and_fractions_add_up_to_one():
+    """Linear fields are transferred exactly between flat sides that overlap partly.
+
+    Fractions of forces add up to one also on curved sides.
+    """
+    mortar = make_mortar_of_flat_sides((3, 2), (0.83, 0.31), gap=0.02)
+    projected = mortar.linearise(mortar.x)
+    faced = projected.faces_master
+    assert 0 < faced.sum() < len(faced)
+    fields = mortar.x[:, :2] @ [[3.0, 0.5], [-2.0, 1.0]] - 1.0
+    assert np.abs((projected.distance_rows @ fields)[faced]).max() < 1e-12
+    assert np.abs(projected.gaps[faced] - 0.02).max() < 1e-13
+    # the resultant moment of forces with a linear distribution is kept
+    force = projected.areas * (1 + fields[: mortar.n_slave_nodes, 0])
+    slave_x, master_x = mortar.x[: mortar.n_slave_nodes], mortar.x[mortar.n_slave_nodes :]
+    received = projected.master_fractions.T @ force
+    assert np.abs(received @ master_x[:, :2] - force @ slave_x[:, :2]).max() < 1e-12
+    for seed in range(3):
+        curved, _, x = make_disturbed_start_and_end_positions(seed)
+        projected = curved.linearise(x)
+        fractions = projected.master_fractions.sum(axis=1)
+        assert np.abs(fractions - projected.faces_master).max() < 1e-12
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_closest_points_are_closer_than_all_sampled_points(seed):
+    mortar, start, _ = make_disturbed_start_and_end_positions(seed)
+    start += slave_mask(mortar) * [0.0, 0.0, 0.2]
+    points = start[: mortar.n_slave_nodes]
+    corners, weights = mortar._find_closest_master_points(start)
+    assert (weights >= 0).all()
+    assert np.abs(weights.sum(axis=1) - 1).max() < 1e-14
+    triangles = {tuple(sorted(triangle)) for triangle in mortar.sides.master_triangles.tolist()}
+    assert {tuple(sorted(triangle)) for triangle in corners.tolist()} <= triangles
+    closest = np.einsum("mk,mkx->mx", weights, start[corners])
+    i, j = np.triu_indices(41)
+    samples = np.stack([i, j - i, 40 - j], axis=1) / 40
+    sampled = np.einsum("sk,tkx->tsx", samples, start[mortar.sides.master_triangles])
+    distance = np.linalg.norm(points[:, None] - sampled.reshape(-1, 3), axis=2).min(axis=1)
+    found = np.linalg.norm(points - closest, axis=1)
+    assert (found < distance + 1e-14).all()
+    on_vertices, on_edges = ((weights > 0).sum(axis=1) == k for k in (1, 2))
+    assert on_vertices.any() or on_edges.any()
+
+
+def test_the_depth_of_penetration_is_measured_inside_the_rim_of_a_side():
+    """The depth of penetration is measured at nodes that pass within the rim of the other side.
+
+    It is zero for nodes that were not outside the other body at the start.
+    """
+    mortar = make_mortar_of_flat_sides((2, 2), half_widths=(1.0, 1.0), gap=0.02)
+    is_slave, n = slave_mask(mortar), mortar.n_slave_nodes
+    lowered_x = mortar.x - is_slave * [0.0, 0.0, 0.52]
+    depth = mortar.measure_max_penetration_along_path(mortar.x, lowered_x)
+    on_rim = np.isclose(np.abs(mortar.x[:n, :2]).max(axis=1), 1.0)
+    assert depth[~on_rim] == pytest.approx(0.5)
+    assert not depth[on_rim].any()
+    shifted_x = mortar.x + is_slave * [2.5, 0.0, 0.0]
+    assert not mortar.measure_max_penetration_along_path(
+        shifted_x, shifted_x - is_slave * [0.0, 0.0, 0.52]
+    ).any()
+    assert not mortar.measure_max_penetration_along_path(lowered_x, lowered_x).any()
+    # a single node is driven through the other side and out behind it, and then comes back
+    node = np.flatnonzero(~on_rim)[3]
+    moved_x = mortar.x.copy()
+    moved_x[node, 2] -= 3.0
+    depth = mortar.measure_max_penetration_along_path(mortar.x, moved_x)
+    assert depth[node] == pytest.approx(2.98)
+    assert not np.delete(depth, node).any()
+
+
+def test_slip_agrees_with_that_of_the_path_of_a_straight_slide():
+    """On flat sides, both slips equal the relative motion, also if both bodies rotate besides."""
+    mortar = make_mortar_of_flat_sides((2, 3), half_widths=(0.4, 1.0), gap=0.01)
+    motion = np.array([0.23, -0.11, 0.0])
+    end = mortar.x + slave_mask(mortar) * motion
+    slip, _ = mortar.linearise(end).measure_slip_and_motion_derivatives(
+        mortar.make_slip_reference(mortar.x), end
+    )
+    tangents = mortar.linearise(end).directions.tangents
+    path_slip = mortar.integrate_slip_along_path(mortar.x, end)
+    assert np.abs(np.einsum("mt,mtx->mx", slip, tangents) - motion).max() < 1e-13
+    assert np.abs(path_slip - motion).max() < 1e-13
+    # a common translation is no slip
+    assert np.abs(mortar.integrate_slip_along_path(mortar.x, mortar.x + motion)).max() < 1e-13
+
+
+@pytest.mark.parametrize("shape", ["cylinder", "ball"])
+def test_slip_agrees_with_that_of_the_path_to_second_order_on_curved_sides(shape):
+    """On a cylinder or ball of radius 1, the slips differ by a fraction of angle^2 / 6.
+
+    The slave rotates about the cylinder's axis or the ball's centre. The path's slip is the length
+    of the arc, and the slip that of its projection onto the tangent plane.
+    """
+
+    def height(x, y):
+        return np.sqrt(1 - x**2 - (y**2 if shape == "ball" else 0 * y))
+
+    slave = make_facets_of_height_field(4, height, 0, -1.0, half_width=0.15)
+    master = make_facets_of_height_field(10, height, 1000, 1.0, half_width=0.6)
+    mortar, errors = SpaceSlidingMortar(slave, master), []
+    is_slave, n = slave_mask(mortar), mortar.n_slave_nodes
+    inner = np.abs(mortar.x[:n, :2]).max(axis=1) < 0.14
+    for angle in (0.3, 0.15):
+        rotation = Rotation.from_rotvec([0.0, angle, 0.0]).as_matrix()
+        end = np.where(is_slave, mortar.x @ rotation.T, mortar.x)
+        reference, projected = mortar.make_slip_reference(mortar.x), mortar.linearise(end)
+        slip, _ = projected.measure_slip_and_motion_derivatives(reference, end)
+        slip = np.einsum("mt,mtx->mx", slip, projected.directions.tangents)
+        path_slip = mortar.integrate_slip_along_path(mortar.x, end)
+        radius = np.linalg.norm(mortar.x[:n, [0, 2]], axis=1)
+        length = np.linalg.norm(path_slip, axis=1)
+        assert np.abs(length / (radius * angle) - 1)[inner].max() < 0.02
+        errors.append(np.mean(np.linalg.norm(slip - path_slip, axis=1)[inner] / length[inner]))
+    assert errors[0] == pytest.approx(0.3**2 / 6, rel=0.15)
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.15)
