@@ -185,7 +185,7 @@ class SpaceSlidingMortar(SlidingMortar):
         facing = is_polygon & (covered > MIN_FACING_FRACTION_OF_SLAVE_FACET)
         slave, master, nodes = slave[facing], master[facing], nodes[facing]
         p, moments, moment_rates = p[facing], moments[facing], moment_rates[facing]
-        p_rates, jacobian, jacobian_rates = _project_onto_slave_triangles(x[nodes])[1:]
+        p_rates, jacobian, jacobian_rates = _differentiate_projection(x[nodes])
         i, j = np.triu_indices(3)
         W, ends = _WEIGHT_FUNCTION_COEFFICIENTS, _EDGE_ENDS
         # integrals over the polygons in edge coordinates, and derivatives with respect to p
@@ -354,24 +354,37 @@ def _make_tangents(normals: Array) -> Array:
     return np.stack([first, np.cross(normals, first)], axis=1)
 
 
-def _project_onto_slave_triangles(corners: Array) -> tuple[Array, Array, Array, Array]:
+def _project_onto_slave_triangles(corners: Array) -> tuple[Array, Array, Array]:
     """Project triangles of the master onto triangles of the slave along the latter's normals.
 
     Args:
         corners: (q, 6, 3), three corners of the slave's triangle, followed by the master's.
 
     Returns:
-        Coordinates p (q, 3, 2) of the master's corners in the edge coordinates of the slave;
-        derivatives (q, 6, 18) of p with respect to the corners; twice the areas (q,) of the slave's
-        triangles, and their derivatives (q, 18).
+        Coordinates p (q, 3, 2) of the master's corners in the edge coordinates of the slave; the
+        matrices H (q, 2, 3) that turn vectors into edge coordinates; and the inverse metrics
+        (q, 2, 2) of the edges.
+    """
+    edges = corners[:, 1:3] - corners[:, :1]
+    inverse_metric = np.linalg.inv(edges @ np.swapaxes(edges, 1, 2))
+    H = inverse_metric @ edges
+    return (corners[:, 3:] - corners[:, :1]) @ np.swapaxes(H, 1, 2), H, inverse_metric
+
+
+def _differentiate_projection(corners: Array) -> tuple[Array, Array, Array]:
+    """Return the derivatives of projected coordinates and of the areas of the slave's triangles.
+
+    Args:
+        corners: (q, 6, 3), three corners of the slave's triangle, followed by the master's.
+
+    Returns:
+        Derivatives (q, 6, 18) of p (see `_project_onto_slave_triangles`) with respect to the
+        corners; twice the areas (q,) of the slave's triangles, and their derivatives (q, 18).
     """
     q = len(corners)
+    p, H, inverse_metric = _project_onto_slave_triangles(corners)
     a, edges = corners[:, 0], corners[:, 1:3] - corners[:, :1]
-    metric = edges @ np.swapaxes(edges, 1, 2)
-    inverse_metric = np.linalg.inv(metric)
-    H = inverse_metric @ edges  # (q, 2, 3), from vectors to edge coordinates
     from_a = corners[:, 3:] - a[:, None]
-    p = from_a @ np.swapaxes(H, 1, 2)
     height = from_a - p @ edges  # parts along the normal
     rates = np.zeros((q, 3, 2, 6, 3))
     for k in range(3):
@@ -389,7 +402,7 @@ def _project_onto_slave_triangles(corners: Array) -> tuple[Array, Array, Array, 
     jacobian_rates[:, 1] = np.cross(edges[:, 1], normal)
     jacobian_rates[:, 2] = np.cross(normal, edges[:, 0])
     jacobian_rates[:, 0] = -jacobian_rates[:, 1] - jacobian_rates[:, 2]
-    return p, rates.reshape(q, 6, 18), jacobian, jacobian_rates.reshape(q, 18)
+    return rates.reshape(q, 6, 18), jacobian, jacobian_rates.reshape(q, 18)
 
 
 def _integrate_monomials_over_overlaps(p: Array) -> tuple[Array, Array, Mask]:
