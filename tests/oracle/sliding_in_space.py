@@ -1,0 +1,205 @@
+"""Violations of the contact law by two rubber bodies in space that slide on each other.
+
+Everything is computed in plain loops. Sides are flat triangles between the deformed nodes. The
+normal n of a slave node points into the body, along the sum of the vectors of the areas around it.
+The triangles of the master whose normals oppose that of a slave triangle are projected onto its
+plane, along its normal. They are cut off at its sides, and the remaining polygons are divided into
+triangles, on which the midpoints of the sides integrate quadratic functions exactly.
+
+With w the linear functions of the triangles, the integrals W and Q of their products, the areas,
+the forces P^T r on the master, the distances S x and the gaps g are those of `sliding`, of which
+this module is the counterpart in space. The slip of a node that faced the master at the
+increment's start, where S was S_0, is the tangential part of (S_0 - S) x. The slip of other nodes
+is that of S x - R d, with d the tangential part of S x_0 at the start, and R the rotation by the
+angle between the normals n_0 and n about their common perpendicular. With the normal force r_n, the
+tangential force r_t and the friction coefficient mu, the law is
+
+    r_n >= 0,  g >= 0,  r_n g = 0;      |r_t| <= mu r_n,  |v| r_t + mu r_n v = 0.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tests.oracle.elements import tabulate_at_points
+
+
+class NeoHookeanBodyInSpace:
+    """A neo-Hookean body of ten-node tetrahedra (c, 10) with straight sides, in Basix's order.
+
+    Weights are piecewise linear, and the stress is that of `large`. `lame` is Lame's constant
+    lambda divided by the shear modulus. `rule` has the points and weights of a quadrature rule on
+    the reference tetrahedron, which is applied to each sub-cell.
+    """
+
+    def __init__(self, nodes, cells, lame, rule) -> None:
+        self.nodes, self.cells, self.lame = nodes, cells, lame
+        functions = tabulate_at_points("T10", True, *rule)
+        jacobian = np.einsum("cna,qnb->qcab", nodes[cells], functions.slopes)
+        inverse = np.linalg.inv(jacobian)
+        self.gradients = np.einsum("qnb,qcba->qcna", functions.slopes, inverse)
+        self.weight_gradients = np.einsum("qnb,qcba->qcna", functions.weight_slopes, inverse)
+        self.volume = functions.measure[:, None] * np.abs(np.linalg.det(jacobian))
+
+    def nodal_forces(self, u: np.ndarray) -> np.ndarray:
+        """Return the nodal forces (n, 3) at displacements u (n, 3)."""
+        F = np.eye(3) + np.einsum("cna,qcnb->qcab", u[self.cells], self.gradients)
+        inverse_transpose = np.swapaxes(np.linalg.inv(F), -1, -2)
+        log_volume = np.log(np.linalg.det(F))
+        stress = F + (self.lame * log_volume - 1)[..., None, None] * inverse_transpose
+        forces = np.zeros_like(u)
+        cell_forces = np.einsum("qcab,qcnb,qc->cna", stress, self.weight_gradients, self.volume)
+        np.add.at(forces, self.cells, cell_forces)
+        return forces
+
+
+def unit(vector):
+    return vector / np.sqrt(vector @ vector)
+
+
+def area_vector(triangle):
+    """Return the area of a triangle (3, 3) times its normal, around which corners are ordered."""
+    return np.cross(triangle[1] - triangle[0], triangle[2] - triangle[0]) / 2
+
+
+def inward_nodal_normals(x, triangles):
+    """Return unit normals (n, 3) of nodes at x (n, 3); triangles are ordered seen from outside."""
+    total = np.zeros_like(x)
+    for nodes in triangles:
+        for node in nodes:
+            total[node] -= area_vector(x[nodes])
+    return np.array([unit(vector) for vector in total])
+
+
+def cut_polygon(polygon, origin, inward):
+    """Return the corners of the part of a polygon where inward·(x - origin) is positive."""
+    remaining = []
+    for start, end in zip(polygon, polygon[1:] + polygon[:1], strict=True):
+        height, end_height = inward @ (start - origin), inward @ (end - origin)
+        if height >= 0:
+            remaining.append(start)
+        if height * end_height < 0:
+            remaining.append(start + height / (height - end_height) * (end - start))
+    return remaining
+
+
+def barycentric_coordinates(point, triangle, normal):
+    """Return the coordinates (3,) of a point in a triangle, which are areas along a direction."""
+    whole = normal @ area_vector(triangle)
+    parts = [
+        normal @ area_vector(np.array([point if k == j else triangle[k] for k in range(3)]))
+        for j in range(3)
+    ]
+    return np.array(parts) / whole
+
+
+def integrate_products_over_overlap(slave, master):
+    """Return integrals W (3, 3) and Q (3, 3) over the part of a slave triangle facing a master's.
+
+    Both triangles (3, 3) are ordered as seen from outside of their bodies.
+    """
+    W, Q, n = np.zeros((3, 3)), np.zeros((3, 3)), unit(area_vector(slave))
+    if n @ unit(area_vector(master)) > -0.01:
+        return W, Q
+    flat_master = np.array([x - (n @ (x - slave[0])) * n for x in master])
+    polygon = list(flat_master[::-1])
+    for j in range(3):
+        edge = slave[(j + 1) % 3] - slave[j]
+        polygon = cut_polygon(polygon, slave[j], np.cross(n, edge))
+    for second, third in zip(polygon[1:-1], polygon[2:], strict=True):
+        corners = np.array([polygon[0], second, third])
+        area = n @ area_vector(corners)
+        for middle in (corners + np.roll(corners, 1, axis=0)) / 2:
+            w = barycentric_coordinates(middle, slave, n)
+            W += area / 3 * np.outer(w, w)
+            Q += area / 3 * np.outer(w, barycentric_coordinates(middle, flat_master, n))
+    return W, Q
+
+
+def mortar_matrices_normals_and_areas(x, slave_triangles, master_triangles, m):
+    """Return matrices P (m, k) and S (m, m + k), normals (m, 3) and areas (m,) of two sides.
+
+    P distributes the slave's forces to the master's nodes, and S gives the distances between both
+    sides (see the module). The slave's m nodes come first in the positions x (m + k, 3).
+    """
+    D, S, P = np.zeros(m), np.zeros((m, len(x))), np.zeros((m, len(x) - m))
+    for slave in slave_triangles:
+        W, Q = np.zeros((3, 3)), np.zeros((3, len(x)))
+        for master in master_triangles:
+            part_W, part_Q = integrate_products_over_overlap(x[slave], x[master])
+            W += part_W
+            Q[:, master] += part_Q
+        if W.sum() > 1e-6 * np.linalg.norm(area_vector(x[slave])):
+            D[slave] += W.sum(axis=1)
+            S[np.ix_(slave, slave)] += W
+            S[slave] -= Q
+            P[slave] += np.diag(W.sum(axis=1)) @ np.linalg.solve(W, Q[:, m:])
+    area = np.where(D > 0, D, 1.0)[:, None]
+    return P / area, S / area, inward_nodal_normals(x[:m], slave_triangles), D
+
+
+def rotate_between_directions(start, end, vector):
+    """Return a vector after the rotation about start x end that turns the first into the second."""
+    axis, cosine = np.cross(start, end), start @ end
+    return (
+        cosine * vector + np.cross(axis, vector) + (axis @ vector) / (1 + cosine) * axis
+    )  # Rodrigues' formula
+
+
+@dataclass(frozen=True)
+class SlidingContactInSpace:
+    """Two bodies, the triangles and nodes of both sides, the mask of supports, and friction.
+
+    The triangles (f, 3) and (e, 3) are numbers of the bodies' nodes, anticlockwise seen from
+    outside. The mask of prescribed components is (n, 3).
+    """
+
+    bodies: NeoHookeanBodyInSpace
+    slave_triangles: np.ndarray
+    master_triangles: np.ndarray
+    prescribed_mask: np.ndarray
+    friction: float
+
+    def largest_violations_in_last_increment(self, history):
+        """Return each condition's largest violation in the last increment, by name.
+
+        The history is a list of displacements (n, 3). Forces and lengths are divided by the largest
+        ones of the history.
+        """
+        start_u, u = history[-2:]
+        force = max(np.abs(self.bodies.nodal_forces(u)).max() for u in history)
+        force = force if force > 1e-12 else 1.0  # the bodies have not yet met
+        length = max(np.abs(u).max() for u in history)
+        slave, master = np.unique(self.slave_triangles), np.unique(self.master_triangles)
+        sides, m = np.concatenate([slave, master]), len(slave)
+        triangles = (
+            np.searchsorted(slave, self.slave_triangles),
+            m + np.searchsorted(master, self.master_triangles),
+        )
+        x_0, x = ((self.bodies.nodes + v)[sides] for v in (start_u, u))
+        _, S_0, n_0, area_0 = mortar_matrices_normals_and_areas(x_0, *triangles, m)
+        P, S, n, area = mortar_matrices_normals_and_areas(x, *triangles, m)
+        forces = self.bodies.nodal_forces(u)
+        r = forces[slave]
+        forces[master] += P.T @ r
+        violations = {name: [0.0] for name in ("penetration", "tension", "complementarity")}
+        violations |= {"cone": [0.0], "direction": [0.0]}
+        for j in np.flatnonzero(area > 0):
+            distance = S[j] @ x
+            if area_0[j] > 0:
+                v = S_0[j] @ x - distance
+            else:
+                d = S[j] @ x_0
+                v = distance - rotate_between_directions(n_0[j], n[j], d - (n_0[j] @ d) * n_0[j])
+            v = (v - (n[j] @ v) * n[j]) / length
+            r_n, g = n[j] @ r[j] / force, n[j] @ distance / length
+            r_t, slip = r[j] / force - r_n * n[j], np.sqrt(v @ v)
+            opposes = r_t + self.friction * r_n * v / slip if slip > 0 else np.zeros(3)
+            violations["penetration"].append(-g)
+            violations["tension"].append(-r_n)
+            violations["complementarity"].append(min(r_n, g))
+            violations["cone"].append(np.sqrt(r_t @ r_t) - self.friction * r_n)
+            violations["direction"].append(min(np.sqrt(opposes @ opposes), slip))
+            forces[slave[j]] = 0.0
+        violations["equilibrium"] = np.abs(forces[~self.prescribed_mask]) / force
+        return {name: float(np.max(values)) for name, values in violations.items()}
