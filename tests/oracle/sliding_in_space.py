@@ -17,6 +17,7 @@ tangential force r_t and the friction coefficient mu, the law is
     r_n >= 0,  g >= 0,  r_n g = 0;      |r_t| <= mu r_n,  |v| r_t + mu r_n v = 0.
 """
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -106,7 +107,7 @@ def integrate_products_over_overlap(slave, master):
     for j in range(3):
         edge = slave[(j + 1) % 3] - slave[j]
         polygon = cut_polygon(polygon, slave[j], np.cross(n, edge))
-    for second, third in zip(polygon[1:-1], polygon[2:], strict=True):
+    for second, third in itertools.pairwise(polygon[1:]):
         corners = np.array([polygon[0], second, third])
         area = n @ area_vector(corners)
         for middle in (corners + np.roll(corners, 1, axis=0)) / 2:

@@ -11,8 +11,8 @@ from tests.oracle.random_sliding_in_space import draw_sketch, make_problem
 # fixed before any value was known; relative to the largest force or displacement
 RELATIVE_LAW_TOLERANCE = 1e-8
 MAX_UNDECIDED_FRACTION_OF_PROBLEMS = 0.05
-SEEDS, QUICK_SEEDS = range(40), QUICK
-FRICTION_OF_SEED_3 = 0.0
+SEEDS, QUICK_SEEDS = range(40), (3, 4, 8, 9)
+FRICTION_OF_SEED_3 = 0.2960967400359487
 
 
 def find_violations_above_tolerance(seed):
@@ -58,7 +58,7 @@ def test_problems_are_of_all_kinds_and_do_not_change_with_numpy():
 @pytest.fixture(scope="module")
 def problem_and_history():
     """Return a problem with slipping nodes, and the displacements (n, 3) of its states."""
-    problem = make_problem(DISTURBED)
+    problem = make_problem(9)
     return problem, problem.displacement_history
 
 
