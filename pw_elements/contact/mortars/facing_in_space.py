@@ -6,8 +6,8 @@ strains"). The module shares no code with `space`, whose integrals are used in t
 A triangle of the master is projected onto the plane of a triangle of the slave along the latter's
 normal. The corners of the intersection are among the corners of both triangles and the points at
 which their edges cross. Taken in the order of their angle around their mean position, they divide
-the intersection into triangles, on which a quadrature rule is exact for the integrands. Distances are
-measured between the curved facets, to which the triangles belong, by their quadratic functions.
+the intersection into triangles, on which a quadrature rule is exact for the integrands. Distances
+are measured between the curved facets, to which the triangles belong, by their quadratic functions.
 """
 
 from dataclasses import dataclass
