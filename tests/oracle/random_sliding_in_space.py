@@ -225,9 +225,13 @@ class SpaceSlidingProblem:
             _list_outward_sub_triangles(self.nodes, cells, mark & (self.is_upper == on_upper))
             for mark, on_upper in zip(marks, (True, False), strict=True)
         ]
-        slave, master = sides if self.sketch.upper_is_slave else sides[::-1]
+        (slave, slave_facets), (master, master_facets) = (
+            sides if self.sketch.upper_is_slave else sides[::-1]
+        )
         mask = np.tile((self.base | self.top)[:, None], (1, 3))
-        return SlidingContactInSpace(body, slave, master, mask, self.sketch.friction)
+        return SlidingContactInSpace(
+            body, slave, master, slave_facets, master_facets, mask, self.sketch.friction
+        )
 
     def violations_per_accepted_state(self) -> list[dict[str, float]]:
         """Return the violations of the law in each accepted state and substate."""
@@ -243,9 +247,9 @@ _FACETS = ((1, 2, 3, 4, 5, 6), (0, 2, 3, 4, 7, 8), (0, 1, 3, 5, 7, 9), (0, 1, 2,
 _SUB_TRIANGLES = ((0, 5, 4), (5, 1, 3), (4, 3, 2), (3, 4, 5))
 
 
-def _list_outward_sub_triangles(x, cells, on_side) -> np.ndarray:
-    """Return sub-triangles (f, 3) of facets on a side, anticlockwise seen from outside."""
-    triangles = []
+def _list_outward_sub_triangles(x, cells, on_side) -> tuple[np.ndarray, np.ndarray]:
+    """Return sub-triangles (f, 3), anticlockwise from outside, and the facet (f, 6) of each."""
+    triangles, facets = [], []
     for cell in cells:
         for facet in _FACETS:
             nodes = cell[list(facet)]
@@ -254,7 +258,8 @@ def _list_outward_sub_triangles(x, cells, on_side) -> np.ndarray:
                     a, b, c = nodes[list(triangle)]
                     outside = np.cross(x[b] - x[a], x[c] - x[a]) @ (x[a] - x[cell].mean(axis=0))
                     triangles.append((a, b, c) if outside > 0 else (a, c, b))
-    return np.array(triangles)
+                    facets.append(nodes)
+    return np.array(triangles), np.array(facets)
 
 
 def make_problem(seed: int) -> SpaceSlidingProblem:

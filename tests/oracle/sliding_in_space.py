@@ -4,11 +4,12 @@ Everything is computed in plain loops. Sides are flat triangles between the defo
 normal n of a slave node points into the body, along the sum of the vectors of the areas around it.
 The triangles of the master whose normals oppose that of a slave triangle are projected onto its
 plane, along its normal. They are cut off at its sides, and the remaining polygons are divided into
-triangles, on which the midpoints of the sides integrate quadratic functions exactly.
+triangles, on which a rule of four points integrates cubic functions exactly. Distances are those of
+the curved six-node facets to which the triangles belong, at the same weights.
 
 With w the linear functions of the triangles, the integrals W and Q of their products, the areas,
-the forces P^T r on the master, the distances S x and the gaps g are those of `sliding`, of which
-this module is the counterpart in space. The slip of a node that faced the master at the
+the forces P^T r on the master, the mean distances S x and the gaps g are those of `sliding`, of
+which this module is the counterpart in space. The slip of a node that faced the master at the
 increment's start, where S was S_0, is the tangential part of (S_0 - S) x. The slip of other nodes
 is that of S x - R d, with d the tangential part of S x_0 at the start, and R the rotation by the
 angle between the normals n_0 and n about their common perpendicular. With the normal force r_n, the
@@ -94,14 +95,40 @@ def barycentric_coordinates(point, triangle, normal):
     return np.array(parts) / whole
 
 
-def integrate_products_over_overlap(slave, master):
-    """Return integrals W (3, 3) and Q (3, 3) over the part of a slave triangle facing a master's.
+# barycentric coordinates of the nodes of a facet; and a rule on triangles, with the weights of the
+# corners at each point and fractions of the area
+FACET_NODES = np.array(
+    [[1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0.5, 0.5], [0.5, 0, 0.5], [0.5, 0.5, 0]]
+)
+CUBIC_RULE = [([1 / 3, 1 / 3, 1 / 3], -27 / 48)]
+CUBIC_RULE += [(np.roll([0.6, 0.2, 0.2], k), 25 / 48) for k in range(3)]
 
-    Both triangles (3, 3) are ordered as seen from outside of their bodies.
+
+def quadratic_functions(weights, triangle, facet):
+    """Return the functions (6,) of a facet's nodes at a point of one of its triangles.
+
+    The weights (3,) are those of the corners of the triangle at the point. The triangle (3,) and
+    the facet (6,) are numbers of nodes.
     """
+    b = weights @ FACET_NODES[[list(facet).index(node) for node in triangle]]
+    vertices = b * (2 * b - 1)
+    return np.append(vertices, 4 * np.array([b[1] * b[2], b[0] * b[2], b[0] * b[1]]))
+
+
+def integrate_products_over_overlap(x, slave_nodes, master_nodes, facets):
+    """Return integrals over the part of a slave triangle facing a master's.
+
+    The corners (3,) of both triangles are ordered as seen from outside of their bodies. `facets`
+    are the nodes (6,) of the facets of both. The positions of all nodes are x.
+
+    The results are the integrals W (3, 3) and Q (3, 3), and those of the slave's linear functions
+    times the quadratic functions of the slave's facet (3, 6) and of the master's (3, 6).
+    """
+    slave, master = x[slave_nodes], x[master_nodes]
     W, Q, n = np.zeros((3, 3)), np.zeros((3, 3)), unit(area_vector(slave))
+    curved = np.zeros((2, 3, 6))
     if n @ unit(area_vector(master)) > -0.01:
-        return W, Q
+        return W, Q, *curved
     flat_master = np.array([x - (n @ (x - slave[0])) * n for x in master])
     polygon = list(flat_master[::-1])
     for j in range(3):
@@ -110,30 +137,39 @@ def integrate_products_over_overlap(slave, master):
     for second, third in itertools.pairwise(polygon[1:]):
         corners = np.array([polygon[0], second, third])
         area = n @ area_vector(corners)
-        for middle in (corners + np.roll(corners, 1, axis=0)) / 2:
-            w = barycentric_coordinates(middle, slave, n)
-            W += area / 3 * np.outer(w, w)
-            Q += area / 3 * np.outer(w, barycentric_coordinates(middle, flat_master, n))
-    return W, Q
+        for fractions, factor in CUBIC_RULE:
+            point = fractions @ corners
+            w = barycentric_coordinates(point, slave, n)
+            w_master = barycentric_coordinates(point, flat_master, n)
+            W += factor * area * np.outer(w, w)
+            Q += factor * area * np.outer(w, w_master)
+            for k, pair in enumerate(((w, slave_nodes), (w_master, master_nodes))):
+                curved[k] += factor * area * np.outer(w, quadratic_functions(*pair, facets[k]))
+    return W, Q, *curved
 
 
-def mortar_matrices_normals_and_areas(x, slave_triangles, master_triangles, m):
+def mortar_matrices_normals_and_areas(x, slave_side, master_side, m):
     """Return matrices P (m, k) and S (m, m + k), normals (m, 3) and areas (m,) of two sides.
 
     P distributes the slave's forces to the master's nodes, and S gives the distances between both
-    sides (see the module). The slave's m nodes come first in the positions x (m + k, 3).
+    sides (see the module). The slave's m nodes come first in the positions x (m + k, 3). A side is
+    a pair: the corners (f, 3) of triangles, and the nodes (f, 6) of the facet of each.
     """
+    slave_triangles = slave_side[0]
     D, S, P = np.zeros(m), np.zeros((m, len(x))), np.zeros((m, len(x) - m))
-    for slave in slave_triangles:
-        W, Q = np.zeros((3, 3)), np.zeros((3, len(x)))
-        for master in master_triangles:
-            part_W, part_Q = integrate_products_over_overlap(x[slave], x[master])
+    for slave, slave_facet in zip(*slave_side, strict=True):
+        W, Q, distance = np.zeros((3, 3)), np.zeros((3, len(x))), np.zeros((3, len(x)))
+        for master, master_facet in zip(*master_side, strict=True):
+            part_W, part_Q, own, other = integrate_products_over_overlap(
+                x, slave, master, (slave_facet, master_facet)
+            )
             W += part_W
             Q[:, master] += part_Q
+            distance[:, slave_facet] += own
+            distance[:, master_facet] -= other
         if W.sum() > 1e-6 * np.linalg.norm(area_vector(x[slave])):
             D[slave] += W.sum(axis=1)
-            S[np.ix_(slave, slave)] += W
-            S[slave] -= Q
+            S[slave] += distance
             P[slave] += np.diag(W.sum(axis=1)) @ np.linalg.solve(W, Q[:, m:])
     area = np.where(D > 0, D, 1.0)[:, None]
     return P / area, S / area, inward_nodal_normals(x[:m], slave_triangles), D
@@ -149,15 +185,18 @@ def rotate_between_directions(start, end, vector):
 
 @dataclass(frozen=True)
 class SlidingContactInSpace:
-    """Two bodies, the triangles and nodes of both sides, the mask of supports, and friction.
+    """Two bodies, the triangles and facets of both sides, the mask of supports, and friction.
 
     The triangles (f, 3) and (e, 3) are numbers of the bodies' nodes, anticlockwise seen from
-    outside. The mask of prescribed components is (n, 3).
+    outside, and the facets (f, 6) and (e, 6) those of the facet of each triangle. The mask of
+    prescribed components is (n, 3).
     """
 
     bodies: NeoHookeanBodyInSpace
     slave_triangles: np.ndarray
     master_triangles: np.ndarray
+    slave_facets: np.ndarray
+    master_facets: np.ndarray
     prescribed_mask: np.ndarray
     friction: float
 
@@ -174,8 +213,11 @@ class SlidingContactInSpace:
         slave, master = np.unique(self.slave_triangles), np.unique(self.master_triangles)
         sides, m = np.concatenate([slave, master]), len(slave)
         triangles = (
-            np.searchsorted(slave, self.slave_triangles),
-            m + np.searchsorted(master, self.master_triangles),
+            [np.searchsorted(slave, part) for part in (self.slave_triangles, self.slave_facets)],
+            [
+                m + np.searchsorted(master, part)
+                for part in (self.master_triangles, self.master_facets)
+            ],
         )
         x_0, x = ((self.bodies.nodes + v)[sides] for v in (start_u, u))
         _, S_0, n_0, area_0 = mortar_matrices_normals_and_areas(x_0, *triangles, m)
