@@ -25,7 +25,7 @@ from study.solutions.indentation import Indenter, solve_indentation_on_refined_m
 
 Array = npt.NDArray[np.float64]
 
-SECTION = "V18"
+SECTION = "V20"
 TITLE = "Quartic indenters"
 FACTS = {
     "geometry": "rigid profiles y = A x⁴ on a half plane and y = A r⁴ on a half space; one half, "
@@ -154,7 +154,7 @@ def quartic(element: str, kind: str) -> Result:
 
 
 CASES = [
-    Case("V18", f"{kind}-{element}", quartic, {"element": element, "kind": kind})
+    Case("V20", f"{kind}-{element}", quartic, {"element": element, "kind": kind})
     for kind in EXACT_SOLUTIONS
     for element in ELEMENTS
 ]
@@ -162,13 +162,13 @@ CASES = [
 # Results
 
 DETAILS = r"""
-{{ figure("v18_quartic") }}
+{{ figure("v20_quartic") }}
 
-{% call table("v18-quartic", "Quartic indenters, 32 elements over the half width: relative errors, in per cent. In brackets: observed order over the last two doublings of the mesh.") %}
+{% call table("v20-quartic", "Quartic indenters, 32 elements over the half width: relative errors, in per cent. In brackets: observed order over the last two doublings of the mesh.") %}
 | Element | Plane: nodal forces | own-function pressure, all nodes | inner 80 % | Round: nodal forces | own-function pressure, all nodes | inner 80 % |
 |---|---:|---:|---:|---:|---:|---:|
 {% for element in ("galerkin-T6", "pw-T6", "galerkin-Q8", "pw-Q9") %}
-| {{ names[element] }} |{% for kind in ("line", "round") %}{% set key = "V18/" ~ kind ~ "-" ~ element %}{% for error in ("force", "pressure_own", "pressure_own_inner") %} {{ num(100 * s(key, "error_" ~ error), 2) }} ({{ fixed(s(key, "order_" ~ error), 1) }}) |{% endfor %}{% endfor %}
+| {{ names[element] }} |{% for kind in ("line", "round") %}{% set key = "V20/" ~ kind ~ "-" ~ element %}{% for error in ("force", "pressure_own", "pressure_own_inner") %} {{ num(100 * s(key, "error_" ~ error), 2) }} ({{ fixed(s(key, "order_" ~ error), 1) }}) |{% endfor %}{% endfor %}
 
 {% endfor %}
 {% endcall %}
@@ -182,7 +182,7 @@ def draw_quartic_pressures_and_errors(results: Results) -> Figure:
         EXACT_SOLUTIONS.items(), axes[::2], axes[1::2], strict=True
     ):
         for element in ("galerkin-T6", "pw-T6"):
-            curves = results.curves(f"V18/{kind}-{element}")
+            curves = results.curves(f"V20/{kind}-{element}")
             middle = exact.pressure(np.zeros(1))
             pressure_axis.plot(
                 curves["x"], curves["pressure_tributary"] / middle, **ELEMENT_LOOK[element]
@@ -196,7 +196,7 @@ def draw_quartic_pressures_and_errors(results: Results) -> Figure:
         )
         pressure_axis.set(xlim=(-0.02, 1.2), xlabel="$x/a$" if kind == "line" else "$r/a$")
         pressure_axis.set_title(f"{kind}: tributary pressure", fontsize=8)
-        keys = {element: f"V18/{kind}-{element}" for element in ELEMENTS}
+        keys = {element: f"V20/{kind}-{element}" for element in ELEMENTS}
         convergence.set_log_axes_with_element_ticks(error_axis, results, keys["pw-T6"])
         convergence.plot_error_over_number_of_elements(
             error_axis, results, keys, "error_pressure_own"
@@ -210,9 +210,9 @@ def draw_quartic_pressures_and_errors(results: Results) -> Figure:
 
 FIGURES = [
     PageFigure(
-        "v18_quartic",
+        "v20_quartic",
         draw_quartic_pressures_and_errors,
-        needs=[f"V18/{kind}-{element}" for kind in ("line", "round") for element in ELEMENTS],
+        needs=[f"V20/{kind}-{element}" for kind in ("line", "round") for element in ELEMENTS],
         caption="Quartic indenters y = A x⁴ on a half plane (line) and on a half space (round): pressure "
         "over tributary areas with 8 elements over the half width a, and the error of the "
         "own-function pressure over the number of elements.",
@@ -223,17 +223,17 @@ FIGURES = [
 ]
 
 VERIFICATION = r"""
-| quartic indenter, inner 80 % | exact | pressure, rms | {{ pct(s("V18/line-pw-T6", "error_pressure_own_inner")) }} | {{ pct(s("V18/line-galerkin-T6", "error_pressure_own_inner")) }} |
+| quartic indenter, inner 80 % | exact | pressure, rms | {{ pct(s("V20/line-pw-T6", "error_pressure_own_inner")) }} | {{ pct(s("V20/line-galerkin-T6", "error_pressure_own_inner")) }} |
 """
 
 # Findings
 
 CHECKS = [
     check(
-        "V18-order",
+        "V20-order",
         "Under a quartic indenter the own-function pressure away from the edge "
         "converges with an order above 1.5, for all elements.",
-        lambda results: smallest(results, "V18", ".*", "order_pressure_own_inner"),
+        lambda results: smallest(results, "V20", ".*", "order_pressure_own_inner"),
         ">",
         1.5,
         tolerance_set="after",
@@ -243,10 +243,10 @@ CHECKS = [
         "the inner 80 % include the peak.",
     ),
     check(
-        "V18-peak",
+        "V20-peak",
         "With 32 elements over the half width the peak of the new elements' pressure is within "
         "2 % of the exact one, although it lies near the edge.",
-        lambda results: largest(results, "V18", {"element": ["pw-T6", "pw-Q9"]}, "error_peak"),
+        lambda results: largest(results, "V20", {"element": ["pw-T6", "pw-Q9"]}, "error_peak"),
         "<",
         0.02,
         tolerance_set="before",
@@ -257,11 +257,11 @@ CHECKS = [
 
 FINDINGS = r"""
 With 32 elements over the half width, the new triangle's error over all nodes is
-{{ fixed(s("V18/line-pw-T6", "error_pressure_own") / s("V18/line-galerkin-T6", "error_pressure_own"), 2) }} (plane) and
-{{ fixed(s("V18/round-pw-T6", "error_pressure_own") / s("V18/round-galerkin-T6", "error_pressure_own"), 2) }} (round) times the
+{{ fixed(s("V20/line-pw-T6", "error_pressure_own") / s("V20/line-galerkin-T6", "error_pressure_own"), 2) }} (plane) and
+{{ fixed(s("V20/round-pw-T6", "error_pressure_own") / s("V20/round-galerkin-T6", "error_pressure_own"), 2) }} (round) times the
 standard one's; within 80 % of the half width, which has the peak at 0.71 of it, the ratio is
-{{ fixed(s("V18/line-pw-T6", "error_pressure_own_inner") / s("V18/line-galerkin-T6", "error_pressure_own_inner"), 2) }} and
-{{ fixed(s("V18/round-pw-T6", "error_pressure_own_inner") / s("V18/round-galerkin-T6", "error_pressure_own_inner"), 2) }}.
+{{ fixed(s("V20/line-pw-T6", "error_pressure_own_inner") / s("V20/line-galerkin-T6", "error_pressure_own_inner"), 2) }} and
+{{ fixed(s("V20/round-pw-T6", "error_pressure_own_inner") / s("V20/round-galerkin-T6", "error_pressure_own_inner"), 2) }}.
 """
 
 LIMITS = r"""
