@@ -1,7 +1,7 @@
 """Problems of two deformable bodies that slide on each other at large strains."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 from mpi4py import MPI
@@ -16,10 +16,13 @@ from pw_elements import Spaces, SurfaceNodes, prescribe
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.contact import OPEN, SLIP, ContactPair, ContactProblem, DeformableSurface
 from pw_elements.contact.model import ContactState, PairState
-from pw_elements.contact.mortars import gather_boundary_facets
+from pw_elements.contact.mortars import SpaceSlidingMortar, gather_boundary_facets
 from pw_elements.contact.nodes import MAX_CONTACT_VIOLATION_PER_NODAL_FORCE
 from pw_elements.meshes import curved_mesh
-from study.benchmarks.v17_bodies.quadratic_multipliers import DualQuadraticContactProblem
+from study.benchmarks.v17_bodies.quadratic_multipliers import (
+    DualQuadraticMortar,
+    UncheckedMortarContactProblem,
+)
 from study.meshes.line_mesh import mesh_along_lines
 from study.meshes.two_body_meshes import join_lower_and_upper_mesh
 from study.model.discretisation import make_element_spaces
@@ -133,25 +136,32 @@ def solve_sliding_of_two_bodies(
     prescribed_nodes: Sequence[Mask],
     increment_ends: Sequence[float],
     is_held_vertically: Callable[[Array], Mask] | None = None,
+    friction: float = FRICTION,
+    start_displacements: Array | None = None,
 ) -> SlidingHistory:
     """Solve a sequence of increments in which two deformable bodies slide on each other.
 
     Args:
         bodies: Both bodies in one mesh. Elements with piecewise-linear test functions use the
-            library's mortar method, standard elements use dual quadratic multipliers.
+            library's mortar method. Standard elements use dual quadratic multipliers in the plane,
+            and the mortar of the library in space.
         slave_and_master_facets: Facets of the slave and of the master.
         set_displacements: Function that writes the prescribed displacements at a given time into an
-            array (n, 2) for all nodes.
+            array (n, dim) for all nodes.
         prescribed_nodes: Masks (n,) of the nodes to which these displacements are applied.
         increment_ends: Times at which the increments end; the first increment starts at time 0.
-        is_held_vertically: Function that marks nodes whose vertical displacement is zero.
+        is_held_vertically: Function that marks nodes whose displacement along the last axis is
+            zero.
+        friction: Coefficient of friction.
+        start_displacements: Rigid motion (n, dim) of both bodies, without contact, from which the
+            first increment starts; None if it starts from the undeformed state.
     """
     space, record = bodies.displacements.space, SlidingHistory()
     prescribed = fem.Function(space)
     nodes = np.flatnonzero(np.any(prescribed_nodes, axis=0)).astype(np.int32)
     supports = [fem.dirichletbc(prescribed, nodes)]
     if is_held_vertically is not None:
-        supports.append(prescribe(space, 1, is_held_vertically))
+        supports.append(prescribe(space, bodies.dim - 1, is_held_vertically))
 
     def record_contact_law_violation(progress: object) -> None:
         if getattr(progress, "state", None) is None:
@@ -161,23 +171,35 @@ def solve_sliding_of_two_bodies(
             )
 
     slave, master = (side.astype(np.int32) for side in slave_and_master_facets)
-    slave_dofs = fem.locate_dofs_topological(space, 1, slave)
-    pair = ContactPair(slave_dofs, DeformableSurface(master, False), FRICTION)
+    slave_dofs = fem.locate_dofs_topological(space, bodies.dim - 1, slave)
+    surface = DeformableSurface(master, False if bodies.dim == 2 else None)
+    pair = ContactPair(slave_dofs, surface, friction)
     arguments = bodies.residual, bodies.solution, supports, pair
-    problem: ContactProblem | DualQuadraticContactProblem
+    problem: ContactProblem | UncheckedMortarContactProblem
     if bodies.element.startswith("pw"):
         problem = ContactProblem.of_residual(*arguments, callback=record_contact_law_violation)
     else:
         traces = gather_boundary_facets(space, slave), gather_boundary_facets(space, master)
-        problem = DualQuadraticContactProblem(*arguments, traces, record_contact_law_violation)
+        mortar_type = DualQuadraticMortar if bodies.dim == 2 else SpaceSlidingMortar
+        problem = UncheckedMortarContactProblem(
+            *arguments, mortar_type(*traces), record_contact_law_violation
+        )
     state, start = problem.undeformed, 0.0
+    if start_displacements is not None:
+        displacement = state.displacement.copy()
+        displacement.array[:] = start_displacements.ravel()
+        slave_state = _only_pair_state(state)
+        slave_state = replace(slave_state, displacement=start_displacements[slave_state.node])
+        state = replace(
+            state, displacement=displacement, unknowns=displacement, pairs=(slave_state,)
+        )
     for end in increment_ends:
 
         def set_displacements_at_load_factor(
             load_factor: float, start: float = start, end: float = end
         ) -> None:
             time = (1 - load_factor) * start + load_factor * end
-            set_displacements(time, prescribed.x.array.reshape(-1, 2))
+            set_displacements(time, prescribed.x.array.reshape(-1, bodies.dim))
 
         record.contact_law_violations.append([])
         state, start = problem.step(state, set_displacements_at_load_factor), end

@@ -25,7 +25,12 @@ from pw_elements.arrays import Array, AutoDiffArray, Indices, stack_values_and_d
 from pw_elements.contact import ContactPair
 from pw_elements.contact.iteration import make_undeformed_state
 from pw_elements.contact.model import ContactState
-from pw_elements.contact.mortars import BoundaryFacets, MortarMatrices, PlaneSlidingMortar
+from pw_elements.contact.mortars import (
+    BoundaryFacets,
+    MortarMatrices,
+    PlaneSlidingMortar,
+    SlidingMortar,
+)
 from pw_elements.contact.mortars.sliding import LinearisedMortar, sum_into_matrix
 from pw_elements.contact.steps.finite import LargeStrainStepping
 
@@ -405,17 +410,18 @@ def _cofactor_of_symmetric_matrix(W: Any, i: int, j: int) -> Any:  # noqa: ANN40
     return W[a][c] * W[b][d] - W[a][d] * W[b][c]
 
 
-class DualQuadraticContactProblem:
-    """Contact problem of one pair of bodies with standard elements and dual quadratic multipliers.
+class UncheckedMortarContactProblem:
+    """Contact problem of one pair of bodies with any element and any mortar.
 
-    It is used like `ContactProblem.of_residual`.
+    It is used like `ContactProblem.of_residual`, which refuses standard elements, because their
+    weight functions are not those of the library's mortars.
 
     Args:
         residual: Weak form of equilibrium.
         u: Unknown displacements.
         supports: Prescribed displacements.
         pair: Contact pair.
-        sides: Facets of the slave and of the master.
+        mortar: Mortar of the pair's slave and master.
         callback: Function that is called after each iteration.
 
     Attributes:
@@ -428,7 +434,7 @@ class DualQuadraticContactProblem:
         u: Any,  # noqa: ANN401
         supports: Any,  # noqa: ANN401
         pair: ContactPair,
-        sides: tuple[BoundaryFacets, BoundaryFacets],
+        mortar: SlidingMortar,
         callback: Callable[[Any], None],
     ) -> None:
         problem = PetrovGalerkinProblem(residual, u, supports, Direct())
@@ -445,7 +451,7 @@ class DualQuadraticContactProblem:
             solver=Direct(),
         )
         interface = self._steps.interface
-        interface.mortars = {0: DualQuadraticMortar(*sides)}
+        interface.mortars = {0: mortar}
         self.undeformed = make_undeformed_state(interface, problem.system.tangent.createVecRight())
 
     def step(self, state: ContactState, load: Callable[[float], None]) -> ContactState:

@@ -1,0 +1,1 @@
+"""Two deformable bodies that slide on each other at large strains in space (section V18)."""
