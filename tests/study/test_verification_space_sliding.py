@@ -1,0 +1,96 @@
+"""Test the exact solutions, meshes and measures of two bodies in space in section V18."""
+
+import numpy as np
+import pytest
+from dolfinx.mesh import compute_midpoints
+
+from study.benchmarks.v18_bodies_in_space import problems
+from study.solutions.rubber import POISSONS_RATIO
+
+
+def strain_energy(stretches):
+    lame = 2 * POISSONS_RATIO / (1 - 2 * POISSONS_RATIO)
+    logarithm = np.log(np.prod(stretches))
+    return (np.sum(np.square(stretches)) - 3) / 2 - logarithm + lame / 2 * logarithm**2
+
+
+def test_uniaxial_stress_follows_from_the_derivatives_of_the_energy():
+    stretches, pressure = problems._deformation_of_uniaxial_stress(0.9)
+    assert stretches[2] == 0.9
+    step = 1e-6 * np.eye(3)
+    nominal = [(strain_energy(stretches + d) - strain_energy(stretches - d)) / 2e-6 for d in step]
+    assert nominal[:2] == pytest.approx([0.0, 0.0], abs=1e-9)
+    assert pressure == pytest.approx(-nominal[2] / stretches[0] ** 2, rel=1e-8)
+
+
+def test_sides_of_two_blocks_belong_to_the_right_block_and_lie_on_their_paraboloids():
+    lines = [np.linspace(-1, 1, 3), np.linspace(-1, 1, 3), np.array([-1.0, 0.0])]
+    upper_lines = [*lines[:2], np.array([0.0, 1.0])]
+    mesh, (slave, master) = problems._mesh_two_blocks(lines, upper_lines, (0.1, 0.3), 0.01)
+    assert len(slave) == len(master) == 8
+    assert (compute_midpoints(mesh, 2, slave.astype(np.int32))[:, 2] > 0.01).all()
+    mesh.topology.create_connectivity(2, 3)
+    cells = mesh.topology.connectivity(2, 3)
+    for facets, curvature, gap, side in ((slave, 0.3, 0.01, 1), (master, 0.1, 0.0, -1)):
+        for facet in facets:
+            x = mesh.geometry.x[mesh.geometry.dofmap[cells.links(facet)[0]]]
+            height = x[:, 2] - curvature / 2 * (x[:, 0] ** 2 + x[:, 1] ** 2) - gap
+            assert np.sum(np.abs(height) < 1e-12) == 6  # three corners, three middles of edges
+            assert (side * height > -1e-12).all()
+
+
+def test_slave_ends_at_the_given_extent():
+    lines = [np.linspace(-1, 1, 5), np.linspace(-1, 1, 5), np.array([-1.0, 0.0])]
+    upper_lines = [*lines[:2], np.array([0.0, 1.0])]
+    _, (slave, master) = problems._mesh_two_blocks(lines, upper_lines, (0.0, 0.0), 0.01, 0.5)
+    assert (len(slave), len(master)) == (8, 32)
+
+
+@pytest.fixture
+def small_patch(monkeypatch):
+    monkeypatch.setattr(problems, "PATCH_CELLS", ((1, 1, 1), (2, 2, 1)))
+    monkeypatch.setattr(problems, "N_ROTATION_INCREMENTS", 2)
+    monkeypatch.setattr(problems, "ROTATION_DEGREES", 30.0)
+
+
+def test_forces_of_a_rotated_patch_add_up_to_pressure_times_area(small_patch):
+    result = problems.patch("pw-T10", 0.0)
+    stretches, pressure = problems._deformation_of_uniaxial_stress(problems.PATCH_STRETCH)
+    for side in ("", "_master"):
+        total = result.curves[f"force{side}"].sum()
+        assert total == pytest.approx(pressure * stretches[0] ** 2, rel=1e-9)
+        area = result.curves[f"weight{side}"].sum()
+        assert area == pytest.approx(stretches[0] ** 2, rel=1e-9)
+
+
+def test_only_the_new_element_has_even_pressures_in_a_small_patch(small_patch):
+    errors = {
+        element: problems.patch(element, 0.0).scalars["force_over_weight_error_master"]
+        for element in ("pw-T10", "galerkin-T10")
+    }
+    assert errors["pw-T10"] < 1e-8
+    assert errors["galerkin-T10"] > 0.1
+
+
+def test_pressures_are_compared_at_nodes_with_weight_only():
+    force, weight = np.array([2.0, 1.2, 0.1]), np.array([1.0, 0.5, 0.0])
+    measured = problems._compare_force_over_weight(force, weight, np.full(3, 2.0))
+    assert measured["force_over_weight_error"] == pytest.approx(0.2)
+    assert measured["weightless_nodes"] == pytest.approx(1 / 3)
+    assert measured["weightless_force"] == pytest.approx(0.1 / 1.1)
+
+
+def test_ripple_is_what_a_parabola_over_the_path_leaves():
+    path = np.linspace(0, 2, 15)
+    smooth = 3 + 0.2 * path - 0.1 * path**2
+    assert problems._measure_ripple(smooth) < 1e-12
+    wave = 0.03 * np.cos(np.pi * np.arange(15))
+    expected = 0.03 / smooth.mean()
+    assert problems._measure_ripple(smooth + wave) == pytest.approx(expected, rel=0.3)
+
+
+def test_convergence_order_of_a_quadratic_and_of_a_linear_sequence():
+    quadratic = [1e-1, 1e-2, 1e-4, 1e-8, 1e-16]
+    assert problems._measure_convergence_order([quadratic] * 3) == pytest.approx(2.0)
+    linear = [10.0**-k for k in range(1, 8)]
+    assert problems._measure_convergence_order([linear]) == pytest.approx(1.0)
