@@ -218,12 +218,13 @@ def _average_normals_at_slave_nodes(sides: TriangulatedSides, x: Array) -> Array
         ],
         axis=1,
     )
-    return _normalise(np.asarray(np.where(sides.allowed_components, total, 0.0), dtype=float))
+    return _normalise(np.where(sides.allowed_components, total, 0.0))
 
 
 def _unit_normals(corners: Array) -> Array:
     """Return unit normals (n, 3) of triangles with corners (n, 3, 3), anticlockwise around them."""
-    return _normalise(np.cross(corners[:, 2] - corners[:, 1], corners[:, 0] - corners[:, 1]))
+    vectors: Array = np.cross(corners[:, 2] - corners[:, 1], corners[:, 0] - corners[:, 1])
+    return _normalise(vectors)
 
 
 def _normalise(vectors: Array) -> Array:
