@@ -8,7 +8,8 @@
 Keys of rows may contain shell wildcards. The kinds of rows are costly cases, time and memory of
 section K, results of CalculiX ('calculix/*'), columns and shifts of Table 1 ('table-1-columns/*',
 'table-1-shifts/*') and models of Table 2 ('table-2/*'); see `study.run.records`. If CalculiX is not
-installed, its rows are skipped; if only its rows are requested, Python and NumPy suffice. When
+installed, its rows are skipped; if only its rows are requested, Python and NumPy suffice. Rows
+'K/peer-*' need the other programs named in `study.benchmarks.k_cost.measure`. When
 measurements of time and memory are compared, only counts and norms must agree.
 """
 
@@ -16,6 +17,7 @@ import argparse
 import sys
 import tempfile
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Callable, Sequence
 from fnmatch import fnmatchcase
 from importlib import import_module
@@ -80,9 +82,9 @@ class RecordKind(ABC):
         """
         return _print_and_check_scalar_differences(recorded, computed)
 
-    def needs_calculix(self, key: str) -> bool:  # noqa: ARG002
-        """Return whether computing the row of a key requires CalculiX."""
-        return False
+    def find_missing_program(self, key: str) -> str:  # noqa: ARG002
+        """Return which program must be installed to compute a row; empty if none is missing."""
+        return ""
 
     def is_worth_recording(self, row: RecordRow) -> bool:  # noqa: ARG002
         """Return whether a row is written to the file, e.g. because its computation takes long."""
@@ -161,9 +163,12 @@ class TimeAndMemoryRecords(RecordKind):
         (measurement,) = (candidate for candidate in list_measurements() if candidate.key == key)
         return measure_and_make_record_row(measurement)
 
-    def needs_calculix(self, key: str) -> bool:
-        """Return whether the measurement of a key runs CalculiX."""
-        return key.endswith("-CalculiX")
+    def find_missing_program(self, key: str) -> str:
+        """Return which program must be installed to measure a row; empty if none is missing."""
+        from study.benchmarks.k_cost.measure import find_missing_peer, list_measurements
+
+        (measurement,) = (candidate for candidate in list_measurements() if candidate.key == key)
+        return find_missing_peer(measurement)
 
 
 class CalculixResultRecords(RecordKind):
@@ -189,12 +194,12 @@ class CalculixResultRecords(RecordKind):
         """
         name, program = key.partition("/")[2], calculix.find_calculix()
         if program is None:
-            raise CalculixError("ccx (Debian's package calculix-ccx) is not installed")
+            raise CalculixError(calculix.MISSING)
         return calculix.make_record_row(name, calculix.run_calculix_on_problem(name, program))
 
-    def needs_calculix(self, key: str) -> bool:  # noqa: ARG002
-        """Return true, because all rows of this kind are computed by CalculiX."""
-        return True
+    def find_missing_program(self, key: str) -> str:  # noqa: ARG002
+        """Return a message if CalculiX, which computes all rows of this kind, is not installed."""
+        return "" if calculix.find_calculix() else calculix.MISSING
 
     def compare_rows(
         self, recorded: dict[str, RecordRow], computed: dict[str, RecordRow]
@@ -315,14 +320,12 @@ def main(arguments: list[str] | None = None) -> int:
             keys = select_keys(all_keys, patterns)
         except StudyError as error:
             parser.error(f"there are no {kind.title} {error}")
-        computable_keys = [
-            key for key in keys if not kind.needs_calculix(key) or calculix.find_calculix()
-        ]
-        if n_skipped_of_kind := len(keys) - len(computable_keys):
-            n_skipped += n_skipped_of_kind
-            reason = "ccx (CalculiX, Debian's package calculix-ccx) is not installed"
+        missing_programs = {key: kind.find_missing_program(key) for key in keys}
+        computable_keys = [key for key in keys if not missing_programs[key]]
+        n_skipped += len(keys) - len(computable_keys)
+        for reason, n_rows in Counter(filter(None, missing_programs.values())).items():
             print(
-                f"SKIPPED: {n_skipped_of_kind} rows of {kind.title}: {reason}",
+                f"SKIPPED: {n_rows} rows of {kind.title}: {reason}",
                 file=sys.stderr,
                 flush=True,
             )

@@ -6,7 +6,11 @@ import pytest
 
 import study.publish.command
 from study.benchmarks.k_cost import measure
-from study.benchmarks.k_cost.measure import CALCULIX, list_measurements, measurement_from_record_row
+from study.benchmarks.k_cost.measure import (
+    is_measured_without_peers,
+    list_measurements,
+    measurement_from_record_row,
+)
 from study.benchmarks.k_cost.tasks import TASKS, Measurement
 from study.run import records
 from study.run.cases import load_section
@@ -25,6 +29,8 @@ SMALL_MEASUREMENTS = [
     Measurement("sliding", "pw-T10", 2, "Iterative"),
     Measurement("incompressible", "galerkin-hybrid-T10", 2, "Iterative"),
     Measurement("linear", "pw-T10", 3, "Iterative"),
+    Measurement("peer-block", "pw-T10", 4, "Iterative"),
+    Measurement("peer-rubber", "pw-T6", 4, "Direct"),
 ]
 
 
@@ -61,11 +67,12 @@ def test_recorded_measurements_are_exactly_the_listed_ones():
     assert read_recorded_numbers_by_measurement().keys() == set(list_measurements())
 
 
-def test_remeasured_costs_replace_recorded_ones_except_those_of_calculix(tmp_path, monkeypatch):
-    """Each row of the record is measured exactly once, except the two rows of CalculiX.
+def test_remeasured_costs_replace_recorded_ones_except_comparisons(tmp_path, monkeypatch):
+    """Each row of the record is measured exactly once, except comparisons with other programs.
 
-    The two rows of CalculiX are still read from the record. A stub replaces the measurement and
-    doubles `whole_seconds`, so that the numbers of a case show whether it was measured.
+    The rows of other programs and those compared with them are read from the record. A stub
+    replaces the measurement and doubles `whole_seconds`, so that the numbers of a case show whether
+    it was measured.
     """
     rows = records.read_rows(records.TIME_AND_MEMORY)
     measured_keys = []
@@ -83,11 +90,14 @@ def test_remeasured_costs_replace_recorded_ones_except_those_of_calculix(tmp_pat
         recorded_cases, tmp_path
     )
     assert [case.name for case in remeasured] == [case.name for case in recorded_cases]
-    assert len(measured_keys) == len({*measured_keys}) == len(rows) - 2
+    keys_without_peers = {
+        measurement.key for measurement in filter(is_measured_without_peers, list_measurements())
+    }
+    assert len(measured_keys) == len({*measured_keys}) == len(rows) - 10
     for case, recorded_case in zip(remeasured, recorded_cases, strict=True):
         assert recorded_case.record == "study/run/recorded/time_and_memory.json"
         is_measured = case.key in measured_keys
-        assert is_measured is (CALCULIX not in case.name)
+        assert is_measured is (case.key in keys_without_peers)
         assert bool(case.record) is not is_measured
         assert (
             case.run(**case.parameters).dofs == recorded_case.run(**recorded_case.parameters).dofs

@@ -13,7 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from study.benchmarks.k_cost import measure, tasks
 from study.benchmarks.k_cost.measure import make_calculix_block_on_rough_plane, measure_calculix_run
+from study.benchmarks.k_cost.tasks import Measurement
 from study.publish import renew_records
 from study.run import records
 from study.solutions.calculix import calculix
@@ -24,12 +26,16 @@ from study.solutions.calculix.output import (
 )
 from study.solutions.calculix.problems import PROBLEMS
 from study.solutions.calculix.standard_decks import SPECIMENS, BlockOnRoughRigidPlane
+from study.solutions.felupe import cylinder
 
 ROOT = Path(__file__).parents[2]
 
 needs_calculix = pytest.mark.skipif(
     calculix.find_calculix() is None,
     reason="CalculiX (ccx, Debian's calculix-ccx) is not installed",
+)
+needs_felupe = pytest.mark.skipif(
+    bool(cylinder.find_missing_packages()), reason="felupe or pypardiso is not installed"
 )
 
 
@@ -136,6 +142,109 @@ def test_cost_of_calculix_is_measured_and_a_failed_run_is_refused(monkeypatch):
     monkeypatch.setattr(BlockOnRoughRigidPlane, "deck", lambda _: "*NODE\n*PLASTIC\n")
     with pytest.raises(CalculixError, match="CalculiX failed"):
         measure_calculix_run(calculix.find_calculix(), make_calculix_block_on_rough_plane(2))
+
+
+# Comparisons of cost
+
+
+def test_rows_compared_with_other_programs_have_the_versions_of_their_program():
+    rows = records.read_rows(records.TIME_AND_MEMORY).values()
+    compared = {
+        measure.measurement_from_record_row(row): row.versions
+        for row in rows
+        if row.key.startswith("K/peer-")
+    }
+    assert {measurement.peer for measurement in compared} == {"", *tasks.PEERS}
+    for measurement, versions in compared.items():
+        program = {"CalculiX": "calculix", "felupe": "felupe", "": "dolfinx"}[measurement.peer]
+        assert program in versions, measurement.key
+
+
+def test_rows_of_a_comparison_need_its_program(monkeypatch):
+    monkeypatch.setattr(calculix, "find_calculix", lambda: None)
+    monkeypatch.setattr(cylinder, "PACKAGES", ("numpy", "no_such_package"))
+    missing = {
+        measurement.key: measure.find_missing_peer(measurement)
+        for measurement in measure.list_measurements()
+    }
+    assert "ccx" in missing["K/peer-block-pw-T10-5-Iterative"]
+    assert missing["K/peer-rubber-pw-T6-16-Direct"] == (
+        "no_such_package (packages of Python) not installed"
+    )
+    assert "ccx" in missing["K/contact-C3D10-8-CalculiX"]
+    assert not missing["K/contact-pw-T10-8-Iterative"]
+
+
+def test_runs_of_a_comparison_alternate_and_the_fastest_counts(monkeypatch):
+    compared = [m for m in measure.list_measurements() if m.task == "peer-rubber"]
+    seconds = iter([3.0, 7.0, 9.0, 2.0, 8.0, 8.0, 4.0, 6.0, 7.0])
+    measured = []
+
+    def measure_next_run(measurement):
+        measured.append(measurement)
+        return {"whole_seconds": next(seconds), "run": len(measured)}
+
+    monkeypatch.setattr(measure, "measure_one_run_in_new_processes", measure_next_run)
+    fastest = measure.measure_alternately.__wrapped__("peer-rubber")
+    assert measured == 3 * compared
+    assert [fastest[m] for m in compared] == [
+        {"whole_seconds": 2.0, "run": 4},
+        {"whole_seconds": 6.0, "run": 8},
+        {"whole_seconds": 7.0, "run": 9},
+    ]
+
+
+def test_an_environment_variable_names_calculix(tmp_path, monkeypatch):
+    monkeypatch.setenv("CALCULIX", str(tmp_path / "ccx"))
+    assert calculix.find_calculix() is None
+    (tmp_path / "ccx").write_text("#!/bin/sh\n")
+    (tmp_path / "ccx").chmod(0o700)
+    assert calculix.find_calculix() == str(tmp_path / "ccx")
+
+
+def test_ratios_of_corner_and_midside_forces():
+    """The rim and the ends, which carry other forces, are left out."""
+    line = np.array([9.0, 9.0, 9.0, 2.0, 1.0, 2.0, 1.0, 2.0, 9.0, 9.0, 9.0])
+    is_corner = np.arange(11) % 2 == 1
+    assert tasks.corner_over_midside_on_line(line, is_corner) == pytest.approx(2.0)
+    cells = 4
+    x, y = (a.ravel() for a in np.meshgrid(np.arange(17) / 8, np.arange(9) / 8, indexing="ij"))
+    index = cells * np.column_stack([x, y])
+    force = np.where((index == np.round(index)).all(axis=1), 0.5, 2.0)
+    is_rim = (x < 0.3) | (x > 1.7) | (y < 0.3) | (y > 0.7)
+    force[is_rim] = 100.0
+    position = np.column_stack([x, y, 0 * x])
+    assert tasks.corner_over_midside_on_face(position, force, cells) == pytest.approx(0.25)
+
+
+def test_contact_of_calculix_at_nodes_differs_only_in_its_type():
+    decks = [make_calculix_block_on_rough_plane(2, by_nodes).deck() for by_nodes in (False, True)]
+    assert decks[1] == decks[0].replace("TYPE=SURFACE TO SURFACE", "TYPE=NODE TO SURFACE")
+    assert decks[1] != decks[0]
+
+
+@needs_calculix
+def test_nodal_forces_of_calculix_balance_the_loads():
+    pytest.importorskip("dolfinx", reason="DOLFINx is not installed")
+    run = Measurement("peer-block", "C3D10", 4, "CalculiX-nodes")
+    numbers = measure.measure_one_run_in_new_processes(run)
+    assert numbers["normal"] == pytest.approx(200.0, rel=1e-4)
+    assert numbers["tangential"] == pytest.approx(20 * 1.25**0.5, rel=1e-4)
+    assert abs(numbers["corner_over_mid"]) < 0.05
+
+
+@needs_felupe
+def test_felupe_computes_the_forces_of_the_library():
+    pytest.importorskip("dolfinx", reason="DOLFINx is not installed")
+    compared = [
+        Measurement("peer-rubber", "galerkin-T6", 8, "Direct"),
+        Measurement("peer-rubber", "triangle6", 8, "felupe"),
+    ]
+    ours, peers = map(measure.measure_one_run_in_new_processes, compared)
+    assert ours.keys() == peers.keys()
+    assert peers["dofs"] == ours["dofs"]
+    for force in ("normal", "tangential"):
+        assert peers[force] == pytest.approx(ours[force], rel=0.02)
 
 
 def test_renewal_of_records_imports_no_dolfinx():

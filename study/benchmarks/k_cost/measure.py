@@ -2,7 +2,10 @@
 
 `./run python3 -m study.publish.renew_records 'K/*'` performs all measurements and writes the
 record. Times are CPU seconds summed over all processes: the median of three runs, or a single run
-if it takes more than ten seconds. Memory in megabytes is the sum of the processes' largest resident
+if it takes more than ten seconds. Tasks with the name "peer-*" are measured with other programs:
+all rows of a task are run in turn, three times, and the run with the least CPU time is recorded.
+They need CalculiX (`ccx` in the path, or named by the environment variable `CALCULIX`) and felupe
+with pypardiso (`./run pip install felupe pypardiso`, or in a folder of `PW_ELEMENTS_PATH`). Memory in megabytes is the sum of the processes' largest resident
 sizes, including imports. Other work on the machine affects CPU time and memory little, but wall
 time much; the record notes if the machine was busy.
 """
@@ -17,21 +20,32 @@ import tempfile
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict
+from functools import cache
 from pathlib import Path
 
-from study.benchmarks.k_cost.tasks import TASKS, Measurement
-from study.run import records
-from study.solutions.calculix.calculix import (
-    CalculixError,
-    ask_calculix_for_its_version,
-    check_calculix_finished,
-    find_calculix,
-)
-from study.solutions.calculix.grids import Grid
-from study.solutions.calculix.standard_decks import BlockOnRoughRigidPlane
+import numpy as np
 
-CALCULIX = "CalculiX"
-"""Value of `Measurement.method` for measurements of CalculiX."""
+from study.benchmarks.k_cost.tasks import (
+    CALCULIX,
+    FELUPE,
+    PEER_OF_TASK,
+    TASKS,
+    Measurement,
+    corner_over_midside_on_face,
+    measure_felupe,
+)
+from study.run import records
+from study.solutions.calculix import calculix
+from study.solutions.calculix.grids import Grid
+from study.solutions.calculix.output import Array, CalculixError
+from study.solutions.calculix.standard_decks import (
+    BlockOnRoughRigidPlane,
+    BlockOnRoughRigidPlaneByNodes,
+)
+from study.solutions.felupe import cylinder
+
+CALCULIX_LOAD_FACTOR = 1000.0
+"""Loads of the block in section K over those in the deck for CalculiX."""
 N_RUNS = 3
 LONG_RUN_SECONDS = 10.0
 """CPU seconds above which a measurement is not repeated."""
@@ -83,6 +97,20 @@ def list_measurements() -> Iterator[Measurement]:
         for n in numbers:
             yield Measurement("incompressible", f"{element}-hybrid-T10", n, "Iterative")
     yield Measurement("incompressible", "pw-hybrid-T10", 22, "Iterative", processes=2)
+    for element, method in (
+        ("pw-T10", "Direct"),
+        ("pw-T10", "Iterative"),
+        ("galerkin-T10", "Iterative"),
+        ("C3D10", f"{CALCULIX}-nodes"),
+        ("C3D10", CALCULIX),
+    ):
+        yield Measurement("peer-block", element, 5, method)
+    for element, method in (
+        ("pw-T6", "Direct"),
+        ("galerkin-T6", "Direct"),
+        ("triangle6", FELUPE),
+    ):
+        yield Measurement("peer-rubber", element, 16, method)
 
 
 # Record
@@ -96,7 +124,7 @@ def measurement_from_record_row(row: records.RecordRow) -> Measurement:
 def measure_cases_and_write_record(path: Path, measured_case_names: Iterable[str]) -> None:
     """Repeat measurements, and write a copy of the tracked record with the new rows.
 
-    Rows of CalculiX are copied unchanged.
+    Rows of other programs, and rows that are compared with them, are copied unchanged.
 
     Args:
         path: File to write; it is updated after each measurement.
@@ -104,25 +132,44 @@ def measure_cases_and_write_record(path: Path, measured_case_names: Iterable[str
     """
     rows = records.read_rows(records.TIME_AND_MEMORY)
     for measurement in list_measurements():
-        if measurement.name in measured_case_names and measurement.method != CALCULIX:
+        if measurement.name in measured_case_names and is_measured_without_peers(measurement):
             row = rows[measurement.key] = measure_and_make_record_row(measurement)
             print(row.key, row.content["measured"], file=sys.stderr, flush=True)
             records.write_rows(path, rows.values())
+
+
+def is_measured_without_peers(measurement: Measurement) -> bool:
+    """Return whether a measurement needs no other program."""
+    return not (measurement.peer or measurement.is_compared_with_peer)
+
+
+def find_missing_peer(measurement: Measurement) -> str:
+    """Return which program must be installed to measure a row; empty if none is missing."""
+    peer = measurement.peer or PEER_OF_TASK.get(measurement.task)
+    if peer == CALCULIX and not calculix.find_calculix():
+        return calculix.MISSING
+    if peer == FELUPE and (missing := cylinder.find_missing_packages()):
+        return f"{' and '.join(missing)} (packages of Python) not installed"
+    return ""
 
 
 def measure_and_make_record_row(measurement: Measurement) -> records.RecordRow:
     """Measure time and memory, and return a row of the record with the numbers and the machine."""
     machine = describe_machine_and_load()
     versions = None
-    if measurement.method == CALCULIX:
-        calculix = find_calculix()
-        if calculix is None:
-            raise CalculixError("ccx (Debian's package calculix-ccx) is not installed")
-        versions = {"calculix": ask_calculix_for_its_version(calculix)}
-    content = {
-        "row": asdict(measurement),
-        "measured": measure_medians_of_repeated_runs(measurement),
-    }
+    if measurement.peer == CALCULIX:
+        calculix_path = calculix.find_calculix()
+        if calculix_path is None:
+            raise CalculixError(calculix.MISSING)
+        versions = {"calculix": calculix.ask_calculix_for_its_version(calculix_path)}
+    elif measurement.peer == FELUPE:
+        versions = cylinder.list_versions()
+    measured = (
+        measure_alternately(measurement.task)[measurement]
+        if measurement.is_compared_with_peer
+        else measure_medians_of_repeated_runs(measurement)
+    )
+    content = {"row": asdict(measurement), "measured": measured}
     input_sha256 = records.digest_input(asdict(measurement))
     return records.create_row_with_current_date(
         measurement.key, input_sha256, content, versions, machine
@@ -149,6 +196,27 @@ def measure_medians_of_repeated_runs(measurement: Measurement) -> dict[str, floa
     return {name: statistics.median(run[name] for run in runs) for name in runs[0]}
 
 
+@cache
+def measure_alternately(task: str) -> dict[Measurement, dict[str, float]]:
+    """Run all measurements of a task in turn, `N_RUNS` times; return those of the fastest runs.
+
+    Args:
+        task: Name of a task that is compared with another program.
+
+    Returns:
+        Measured quantities of the run with the least CPU time, by measurement.
+    """
+    measurements = [candidate for candidate in list_measurements() if candidate.task == task]
+    fastest: dict[Measurement, dict[str, float]] = {}
+    for _ in range(N_RUNS):
+        for measurement in measurements:
+            run = measure_one_run_in_new_processes(measurement)
+            best = fastest.setdefault(measurement, run)
+            if run["whole_seconds"] < best["whole_seconds"]:
+                fastest[measurement] = run
+    return fastest
+
+
 def measure_one_run_in_new_processes(measurement: Measurement) -> dict[str, float]:
     """Run a measurement once in new processes, and return the measured quantities by name."""
     module = "study.benchmarks.k_cost.measure"
@@ -163,20 +231,27 @@ def measure_one_run_in_new_processes(measurement: Measurement) -> dict[str, floa
 
 def _measure_in_this_process_and_print(measurement: Measurement) -> None:
     """Measure in this process, and print the measured quantities as one line of JSON."""
-    if measurement.method == CALCULIX:
-        calculix = find_calculix()
-        assert calculix is not None
-        print(
-            json.dumps(
-                measure_calculix_run(
-                    calculix, make_calculix_block_on_rough_plane(measurement.cells)
-                )
-            )
-        )
+    if measurement.peer == CALCULIX:
+        calculix_path = calculix.find_calculix()
+        assert calculix_path is not None
+        by_nodes = measurement.method != CALCULIX
+        problem = make_calculix_block_on_rough_plane(measurement.cells, by_nodes)
+        cost, answer = run_and_measure_calculix(calculix_path, problem)
+        if measurement.is_compared_with_peer:
+            cost |= evaluate_calculix_block(problem, answer)
+        print(json.dumps(cost))
+        return
+    start = time.perf_counter()
+    if measurement.peer == FELUPE:
+        numbers = measure_felupe(measurement)
+        numbers["wall_seconds"] = time.perf_counter() - start
+        numbers["whole_seconds"] = time.process_time()
+        numbers["megabytes"] = read_peak_memory_in_megabytes()
+        print(json.dumps(numbers))
         return
     from mpi4py import MPI
 
-    comm, start = MPI.COMM_WORLD, time.perf_counter()
+    comm = MPI.COMM_WORLD
     numbers = TASKS[measurement.task](measurement)
     numbers["wall_seconds"] = comm.allreduce(time.perf_counter() - start, MPI.MAX)
     numbers["whole_seconds"] = comm.allreduce(time.process_time())
@@ -198,11 +273,14 @@ def read_peak_memory_in_megabytes() -> float:
 # CalculiX on the block that stands on a rough plane
 
 
-def make_calculix_block_on_rough_plane(cells_along_height: int) -> BlockOnRoughRigidPlane:
+def make_calculix_block_on_rough_plane(
+    cells_along_height: int, by_nodes: bool = False
+) -> BlockOnRoughRigidPlane:
     """Return the CalculiX problem of the block on a rough plane.
 
     Args:
         cells_along_height: Number of cubes (of six tetrahedra) along the height of the block.
+        by_nodes: Whether contact is node-to-surface; otherwise it is surface-to-surface.
     """
     grid = Grid(
         "T10",
@@ -210,7 +288,8 @@ def make_calculix_block_on_rough_plane(cells_along_height: int) -> BlockOnRoughR
         (2.0, 1.0, 1.0),
         (2 * cells_along_height, cells_along_height, cells_along_height),
     )
-    return BlockOnRoughRigidPlane("C3D10", grid)
+    make_problem = BlockOnRoughRigidPlaneByNodes if by_nodes else BlockOnRoughRigidPlane
+    return make_problem("C3D10", grid)
 
 
 def measure_calculix_run(calculix_path: str, problem: BlockOnRoughRigidPlane) -> dict[str, float]:
@@ -225,6 +304,16 @@ def measure_calculix_run(calculix_path: str, problem: BlockOnRoughRigidPlane) ->
     Raises:
         CalculixError: If CalculiX fails.
     """
+    return run_and_measure_calculix(calculix_path, problem)[0]
+
+
+def run_and_measure_calculix(
+    calculix_path: str, problem: BlockOnRoughRigidPlane
+) -> tuple[dict[str, float], dict[str, Array]]:
+    """Run CalculiX once; return the measured quantities and the numbers that it printed.
+
+    The arguments and errors are those of `measure_calculix_run`.
+    """
     with tempfile.TemporaryDirectory() as folder:
         Path(folder, "job.inp").write_text(problem.deck())
         start = time.perf_counter()
@@ -235,15 +324,53 @@ def measure_calculix_run(calculix_path: str, problem: BlockOnRoughRigidPlane) ->
         process = os.posix_spawnp("env", command, os.environ, file_actions=redirection)
         _, status, usage = os.wait4(process, 0)
         wall_seconds = time.perf_counter() - start
-        check_calculix_finished(status, output_path.read_text())
+        calculix.check_calculix_finished(status, output_path.read_text())
         increments = Path(folder, "job.sta").read_text().splitlines()[2:]
         iterations = sum(int(line.split()[3]) for line in increments)
-    return {
+        answer = problem.read_numbers(Path(folder, "job.dat").read_text())
+    cost = {
         "dofs": 3 * len(problem.grid.nodes),
         "iterations": iterations,
         "megabytes": usage.ru_maxrss / 1024,
         "whole_seconds": usage.ru_utime + usage.ru_stime,
         "wall_seconds": wall_seconds,
+    }
+    return cost, answer
+
+
+def evaluate_calculix_block(
+    problem: BlockOnRoughRigidPlane, answer: dict[str, Array]
+) -> dict[str, float]:
+    """Return forces and the largest displacement of CalculiX, scaled to the loads of section K.
+
+    CalculiX prints no nodal contact forces. They are the stiffness matrix of the library's standard
+    element, which is the same element on the same mesh, times the printed displacements.
+
+    Args:
+        problem: Problem that CalculiX has solved.
+        answer: Numbers that CalculiX printed.
+    """
+    from study.benchmarks.p_calculix.standard_elements import (
+        REDUCED_DEGREES,
+        StandardElementModel,
+    )
+
+    nodes = np.array(problem.grid.nodes)
+    displacement = answer["displacement"].reshape(-1, 3)[: len(nodes)]
+    model = StandardElementModel(problem, REDUCED_DEGREES[problem.grid.cell])
+    a = model.K.createVecRight()
+    a.setArray(displacement[model.grid_index].ravel())
+    nodal_force = model.reorder_to_grid_numbering((model.K * a).array_r.reshape(-1, 3))
+    base = np.array(problem.grid.find_nodes(problem.marker_of_bottom)) - 1
+    cells = problem.grid.divisions[2]
+    force = CALCULIX_LOAD_FACTOR * answer["force"]
+    return {
+        "increments": 1,
+        "normal": float(abs(force[2])),
+        "tangential": float(np.linalg.norm(force[:2])),
+        "corner_over_mid": corner_over_midside_on_face(nodes[base], nodal_force[base, 2], cells),
+        "largest_displacement": CALCULIX_LOAD_FACTOR
+        * float(np.linalg.norm(displacement, axis=1).max()),
     }
 
 

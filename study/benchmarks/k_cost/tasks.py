@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from study.model.vocabulary import SLIP, STICK
+from study.model.vocabulary import OPEN, SLIP, STICK
 
 if TYPE_CHECKING:
     from petsc4py import PETSc
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from pw_elements.contact.model import ContactState
 
 T = TypeVar("T")
+Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 IsUpper = Callable[[int, npt.NDArray[np.int32]], Mask]
 """Function (dim, entities (m,)) that returns a mask (m,) of the entities in the upper block."""
@@ -42,10 +43,13 @@ class Measurement:
             clamped block; "contact" (the block on a rough plane); "bodies" (a block on another);
             "pieces" (loose cubes on a plane); "sliding" (a rough ball pressed into rubber and moved
             along it, at large strains); "incompressible" (the clamped block with a pressure field);
-            "linear" (the clamped block by the solver of contact problems).
-        element: Element of the study or of CalculiX.
+            "linear" (the clamped block by the solver of contact problems); "peer-block" and
+            "peer-rubber" (a block on a rough plane, and rubber ironed by a rough cylinder, both
+            compared with another program).
+        element: Element of the study or of the other program.
         cells: Number of cells along the height of the (lower) block; for "pieces", number of cubes.
-        method: "Direct", "Iterative", "compared" (both, to compute their difference) or "CalculiX".
+        method: "Direct", "Iterative", "compared" (both, to compute their difference), or the other
+            program: "CalculiX", "CalculiX-nodes" (by node-to-surface contact) or "felupe".
         processes: Number of MPI processes.
     """
 
@@ -66,6 +70,22 @@ class Measurement:
         """Key of the case and of the record's row, such as "K/contact-pw-T10-8-Iterative"."""
         return f"K/{self.name}"
 
+    @property
+    def peer(self) -> str:
+        """The other program that is measured, "CalculiX" or "felupe"; empty for the library."""
+        return next((peer for peer in PEERS if self.method.startswith(peer)), "")
+
+    @property
+    def is_compared_with_peer(self) -> bool:
+        """Whether it is measured alternately with other programs; see `measure_alternately`."""
+        return self.task in PEER_OF_TASK
+
+
+CALCULIX, FELUPE = "CalculiX", "felupe"
+PEERS = (CALCULIX, FELUPE)
+"""Other programs; the methods of their measurements begin with these names."""
+PEER_OF_TASK = {"peer-block": CALCULIX, "peer-rubber": FELUPE}
+"""Other program with which the library is compared, by task."""
 
 # Tasks
 
@@ -85,6 +105,9 @@ CELLS_OF_CUBE = 6
 """Cells along the side of a loose cube."""
 BALL_MOTIONS = ((0.0, 0.0, -0.15), (0.1, 0.0, -0.15))
 """Translations of a ball of radius 1 that is pressed into a block 2 x 2 x 1 and moved along it."""
+
+RUBBER_DEGREE = 4
+"""Degree of the quadrature in the block of rubber."""
 
 FORCING = 0.02
 """Relative residual to which the linear system of one contact iteration is solved."""
@@ -569,6 +592,141 @@ def measure_ball_sliding_on_rubber(measurement: Measurement) -> dict[str, float]
     }
 
 
+# Comparison with other programs
+
+N_PRESSING, N_IRONING = 10, 24
+"""Increments in which the cylinder moves down, and then sideways."""
+N_END_NODES = 3
+"""Number of nodes at each end of the contact that are excluded from the ratio of forces."""
+
+
+def measure_block_for_comparison(measurement: Measurement) -> dict[str, float]:
+    """Measure contact of the block with a rough plane, and return forces besides the costs."""
+    solver = _create_solver(measurement.method)
+    state, seconds = time_cpu(
+        lambda: _solve_contact_of_block_on_plane(measurement.element, measurement.cells, solver)
+    )
+    (pair,) = state.pairs
+    displacement = state.displacement.array_r.reshape(-1, 3)
+    return {
+        "dofs": state.displacement.getSize(),
+        "seconds": seconds,
+        "increments": 1,
+        "iterations": state.iterations,
+        "factorisations": state.report.factorisations,
+        "normal": float(pair.force_normal.sum()),
+        "tangential": float(np.linalg.norm(pair.force_tangential.sum(axis=0))),
+        "corner_over_mid": corner_over_midside_on_face(
+            pair.position, pair.force_normal, measurement.cells
+        ),
+        "largest_displacement": float(np.linalg.norm(displacement, axis=1).max()),
+    }
+
+
+def corner_over_midside_on_face(position: Array, force: Array, cells: int) -> float:
+    """Return the ratio of mean normal forces at corner and at mid-side nodes of the block's base.
+
+    Nodes within one cell of the rim are left out.
+
+    Args:
+        position: Coordinates (m, 3) of the nodes of the base.
+        force: Normal forces (m,).
+        cells: Number of cells along the height of the block.
+    """
+    index = position[:, :2] * cells  # whole numbers at corners
+    is_inner = ((index > 1.25) & (index < np.array([2.0, 1.0]) * cells - 1.25)).all(axis=1)
+    is_corner = np.isclose(index, np.round(index)).all(axis=1)
+    return float(force[is_inner & is_corner].mean() / force[is_inner & ~is_corner].mean())
+
+
+def measure_rubber_for_comparison(measurement: Measurement) -> dict[str, float]:
+    """Measure a block of rubber that is ironed by a rough cylinder, in plane strain."""
+    from mpi4py import MPI
+
+    from pw_elements import prescribe
+    from pw_elements.contact import ContactPair, ContactProblem, Motion, Sphere
+    from study.meshes.line_mesh import mesh_along_lines
+    from study.solutions.calculix.cylinder import HALF_WIDTH, HEIGHT, block_mesh_line_positions
+    from study.solutions.felupe import cylinder
+    from study.solutions.rubber import MAX_ITERATIONS, NeoHookeanBody
+
+    def may_touch(x: Array) -> Mask:
+        is_near = np.abs(x[0]) < cylinder.CONTACT_ZONE_FRACTION * HALF_WIDTH
+        return np.asarray(np.isclose(x[1], 0) & is_near)
+
+    def is_base(x: Array) -> Mask:
+        return np.asarray(np.isclose(x[1], -HEIGHT))
+
+    lines = block_mesh_line_positions(measurement.cells)
+    mesh = mesh_along_lines(MPI.COMM_SELF, *lines, "triangle")
+    rubber = NeoHookeanBody(measurement.element, mesh, RUBBER_DEGREE)
+    space = rubber.solution.function_space
+    supports = [prescribe(space, k, is_base) for k in range(2)]
+    pair = ContactPair(may_touch, Sphere((0.0, 1.0), 1.0), friction=cylinder.FRICTION)
+    translations = cylinder.list_cylinder_translations(N_PRESSING, N_IRONING)
+    problem = ContactProblem.of_residual(
+        rubber.residual,
+        rubber.solution,
+        supports,
+        pair,
+        solver=_create_solver(measurement.method),
+        max_iterations=MAX_ITERATIONS,
+    )
+
+    def iron_block() -> "list[ContactState]":
+        state, states = problem.undeformed, []
+        for translation in translations:
+            state = problem.step(state, None, Motion(translation))
+            states.append(state)
+        return states
+
+    states, seconds = time_cpu(iron_block)
+    (last,) = states[-1].pairs
+    order = np.argsort(last.position[:, 0])
+    order = order[last.status[order] != OPEN]
+    is_corner = rubber.is_vertex[last.node[order]]
+    return {
+        "dofs": 2 * len(rubber.x),
+        "seconds": seconds,
+        "increments": len(states),
+        "iterations": sum(state.iterations for state in states),
+        "factorisations": sum(state.report.factorisations for state in states),
+        "normal": float(-last.force[1]),
+        "tangential": float(last.force[0]),
+        "corner_over_mid": corner_over_midside_on_line(last.force_normal[order], is_corner),
+    }
+
+
+def measure_felupe(measurement: Measurement) -> dict[str, float]:
+    """Measure the same block of rubber with felupe."""
+    from study.solutions.felupe import cylinder
+
+    translations = cylinder.list_cylinder_translations(N_PRESSING, N_IRONING)
+    result = cylinder.solve_with_felupe(measurement.cells, translations)
+    return {
+        "dofs": result.unknowns,
+        "seconds": result.seconds,
+        "increments": len(translations),
+        "iterations": result.iterations,
+        "factorisations": result.iterations,
+        "normal": result.normal_force,
+        "tangential": result.tangential_force,
+        "corner_over_mid": corner_over_midside_on_line(result.nodal_normal_force, result.is_corner),
+    }
+
+
+def corner_over_midside_on_line(force: Array, is_corner: Mask) -> float:
+    """Return the median ratio of the mean of two adjacent corner forces to the mid-side force.
+
+    Args:
+        force: Normal forces (m,) of the nodes in contact, in the order of their positions.
+        is_corner: Mask (m,) of the corner nodes.
+    """
+    inner = np.arange(N_END_NODES, len(force) - N_END_NODES)
+    midside = inner[~is_corner[inner]]
+    return float(np.median((force[midside - 1] + force[midside + 1]) / (2 * force[midside])))
+
+
 TASKS: dict[str, Callable[[Measurement], dict[str, float]]] = {
     "assembly": measure_stiffness_assembly,
     "factors": measure_factorisation,
@@ -579,5 +737,7 @@ TASKS: dict[str, Callable[[Measurement], dict[str, float]]] = {
     "sliding": measure_ball_sliding_on_rubber,
     "incompressible": measure_clamped_incompressible_block,
     "linear": measure_multigrid_set_up_and_solutions,
+    "peer-block": measure_block_for_comparison,
+    "peer-rubber": measure_rubber_for_comparison,
 }
 """Function that performs each task, by the name of the task in the record."""

@@ -26,6 +26,10 @@ CalculiX prints seven digits; on other processors and versions, iterations may e
 different results because of round-off."""
 
 
+MISSING = "ccx (CalculiX, Debian's package calculix-ccx) is not installed"
+"""Message if CalculiX is required but not installed."""
+
+
 @dataclass(frozen=True)
 class CalculixResult:
     """Result of CalculiX for one problem.
@@ -99,8 +103,11 @@ def _read_record_row(case: str) -> records.RecordRow:
 
 
 def find_calculix() -> str | None:
-    """Return the path of the executable `ccx`, or None if CalculiX is not installed."""
-    return shutil.which("ccx")
+    """Return the path of the executable `ccx`, or None if CalculiX is not installed.
+
+    The environment variable `CALCULIX` may name an executable that is not in a folder of `PATH`.
+    """
+    return shutil.which(os.environ.get("CALCULIX", "ccx"))
 
 
 def ask_calculix_for_its_version(calculix: str) -> str:

@@ -324,7 +324,7 @@ class BodyPressedOnRigidPlane(Specimen):
 class BlockOnRoughRigidPlane(Specimen):
     """Block on a rough rigid plane, pressed on top and pushed at a side in one increment.
 
-    Only surface-to-surface contact with one rigid face holds the block.
+    Only contact with one rigid face, surface-to-surface contact by default, holds the block.
 
     Args:
         friction: Coulomb's coefficient.
@@ -338,6 +338,7 @@ class BlockOnRoughRigidPlane(Specimen):
 
     # Small, because CalculiX takes changes of geometry into account
     pressure, push = 0.1, (0.02, 0.01)
+    contact_type = "SURFACE TO SURFACE"
 
     def deck(self) -> str:
         """Return the text of CalculiX' input file."""
@@ -352,7 +353,7 @@ class BlockOnRoughRigidPlane(Specimen):
                 "*SURFACE,NAME=LOWER",
                 *(f"{k},S{face}" for k, face in self.grid.find_marked_faces(self.marker_of_bottom)),
                 f"*SURFACE,NAME=FACE\n{len(self.grid.elements) + 1},S2",
-                "*CONTACT PAIR,INTERACTION=TOUCH,TYPE=SURFACE TO SURFACE\nLOWER,FACE",
+                f"*CONTACT PAIR,INTERACTION=TOUCH,TYPE={self.contact_type}\nLOWER,FACE",
                 *contact_law_deck_lines(self.penalty, self.friction, self.stick_slope),
                 "*BOUNDARY\nRIGID,1,3\n*STEP\n*STATIC\n1.,1.",
                 *self.pressure_deck_lines(self.marker_of_top, self.pressure),
@@ -389,6 +390,12 @@ class BlockOnRoughRigidPlane(Specimen):
                 for axis, component in enumerate(traction, start=1)
             ),
         ]
+
+
+class BlockOnRoughRigidPlaneByNodes(BlockOnRoughRigidPlane):
+    """The same block; its nodes, not points within faces, are in contact with the rigid face."""
+
+    contact_type = "NODE TO SURFACE"
 
 
 def rigid_brick_deck_lines(

@@ -1,0 +1,1 @@
+"""Problems for felupe, an independent finite-element library."""
