@@ -557,5 +557,7 @@ The measurements cover one machine with two cores, which had other work at times
 a displacement-only formulation. At two million unknowns each row is a single run on two processes, whose waiting for each
 other counts as CPU time; runs of the same row one after the other differ by up to a fifth, and the last two columns are
 no more certain than that. The machine's speed changed much within hours, so rows that are compared were measured one
-after the other; others, such as blocks and two bodies, were not.
+after the other; others, such as blocks and two bodies, were not. Comparisons with other programs are on small meshes, on
+a busy machine, and include about a second for Python's imports; CalculiX' penalties were chosen with 4 and 8 cells along
+the height, not with the 5 that are shown.
 """
