@@ -59,6 +59,7 @@ _GMRES_RESTART = 100
 _GMRES_OPTIONS: PetscOptions = {
     "ksp_converged_maxits": True,
     "ksp_gmres_cgs_refinement_type": "refine_ifneeded",
+    "mg_coarse_pc_gamg_threshold": 0.0,
 }
 # Largest ratio of the true residual to the residual that the method updates
 _MAX_TRUE_OVER_UPDATED_RESIDUAL = 10

@@ -6,6 +6,9 @@ supports and contact: a projection Pi removes constrained components from vector
 is Pi K Pi + (1 - Pi). Springs between nodes are added to K.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -129,7 +132,8 @@ class LinearCoarseLevel:
         self.springs: PETSc.Mat | None = None
         self._contact_rows: _InterpolationNearContact | None = None
         self._matrix: PETSc.Mat | None = None
-        self._replaceable: PETSc.Mat | None = None  # the part of the matrix that contact changes
+        self._spring_part: PETSc.Mat | None = None  # P^T B P with the springs B
+        self._replaceable: PETSc.Mat | None = None  # other part of the matrix that contact changes
 
     def set_contact_nodes_once(self, nodes: Indices) -> None:
         """Set the nodes that contact may constrain; only the first call has an effect.
@@ -167,17 +171,19 @@ class LinearCoarseLevel:
         contact, comm, columns = self._contact_rows, self._K.comm, self._P.getSizes()[1]
         has_pattern = self._matrix is not None  # with entries for the replaceable part
         if self._matrix is None:
-            self._matrix = galerkin_product(self._K, self._P)
+            self._matrix, self._spring_part = galerkin_product(self._K, self._P), None
             self._replaceable = (
                 galerkin_product(self._K, contact.P, contact.rows) if contact else None
             )
         if self._replaceable is not None:
             add_scaled(self._matrix, -1.0, self._replaceable, same_pattern=has_pattern)
+        if self._spring_part is not None:
+            add_scaled(self._matrix, -1.0, self._spring_part, same_pattern=has_pattern)
         free = self._coarse.free_projectors(np.arange(len(self._vertex_node)))
         part = None
         if self.springs is not None:
-            part = galerkin_product(self.springs, self._P)
-            add_scaled(self._matrix, 1.0, part, destroy_term=False, same_pattern=has_pattern)
+            self._spring_part = galerkin_product(self.springs, self._P)
+            self._add_spring_part(1.0, same_pattern=has_pattern)
         elif contact is not None:
             left = block_diagonal_matrix(
                 self._fine.free_projectors(contact.nodes), contact.P.getSizes()[0], comm
@@ -200,6 +206,29 @@ class LinearCoarseLevel:
         if self._near_null_space is not None:
             self._matrix.setNearNullSpace(self._near_null_space)
         return self._matrix
+
+    @contextmanager
+    def springs_removed(self) -> Iterator[None]:
+        """Set the entries of the springs in the coarse matrix to zero within a `with` block.
+
+        The sparsity pattern stays the same.
+        """
+        if self._spring_part is None:
+            yield
+            return
+        self._add_spring_part(-1.0, same_pattern=True)
+        yield
+        self._add_spring_part(1.0, same_pattern=True)
+
+    def _add_spring_part(self, factor: float, same_pattern: bool) -> None:
+        assert self._matrix is not None and self._spring_part is not None
+        add_scaled(
+            self._matrix,
+            factor,
+            self._spring_part,
+            destroy_term=False,
+            same_pattern=same_pattern,
+        )
 
 
 class _ProjectedInterpolation:
@@ -359,7 +388,7 @@ class Multigrid:
         self._aggregate_projectors: Array | None = None  # used to choose aggregates
         self._coarse: PETSc.Mat | None = None
         self._preconditioner: PETSc.PC | None = None
-        self._has_eigenvalues = False
+        self._has_aggregates = self._has_eigenvalues = False
 
     @property
     def coarse_matrix(self) -> PETSc.Mat:
@@ -372,6 +401,10 @@ class Multigrid:
             return
         coarse = self._preconditioner.getMGCoarseSolve()
         coarse.setOperators(self.coarse_matrix)
+        if not self._has_aggregates:
+            with self._linear.springs_removed():
+                coarse.setUp()
+            self._has_aggregates = True
         coarse.setUp()
         if not self._has_eigenvalues:
             self._preconditioner.setUp()
@@ -409,6 +442,7 @@ class Multigrid:
         coarse = preconditioner.getMGCoarseSolve()
         coarse.setType("preonly")
         coarse.getPC().setType("gamg")
+        coarse.setFromOptions()  # otherwise only from the second set-up of aggregates on
         self._preconditioner = preconditioner
 
     def set_constrained_directions(
@@ -473,5 +507,6 @@ class Multigrid:
         """
         if with_aggregates and self._coarse is not None and self._preconditioner is not None:
             self._preconditioner.getMGCoarseSolve().reset()
+            self._has_aggregates = False
         self._coarse = None
         collect_garbage(self.block_matrix)
