@@ -55,8 +55,8 @@ _MAX_KRYLOV_ITERATIONS = 1000
 # Vectors that GMRES keeps until it restarts
 _GMRES_RESTART = 100
 # The vectors are orthogonalised again if needed: orthogonality is lost if stiffnesses differ by a
-# factor of more than 1e5
-_GMRES_OPTIONS: PetscOptions = {
+# factor of more than 1e5. Entries of the coarse matrix that are zero connect no nodes of aggregates
+_DEFAULT_OPTIONS: PetscOptions = {
     "ksp_converged_maxits": True,
     "ksp_gmres_cgs_refinement_type": "refine_ifneeded",
     "mg_coarse_pc_gamg_threshold": 0.0,
@@ -222,7 +222,7 @@ class KrylovSolver:
         counted = self._counted  # `self` would create a reference cycle that is never freed
         ksp.setMonitor(lambda _, iteration, __: counted.append(int(iteration > 0)))
         # PETSc raises no error; `solve` checks the residual instead
-        set_options(ksp, {**_GMRES_OPTIONS, **self.options})
+        set_options(ksp, {**_DEFAULT_OPTIONS, **self.options})
         return ksp
 
     @property

@@ -209,19 +209,22 @@ class LinearCoarseLevel:
 
     @contextmanager
     def springs_removed(self) -> Iterator[None]:
-        """Set the entries of the springs in the coarse matrix to zero within a `with` block.
+        """Subtract the springs from the coarse matrix within a `with` block.
 
-        The sparsity pattern stays the same.
+        The sparsity pattern stays the same, with zeros where only springs connect nodes.
         """
         if self._spring_part is None:
             yield
             return
         self._add_spring_part(-1.0, same_pattern=True)
-        yield
-        self._add_spring_part(1.0, same_pattern=True)
+        try:
+            yield
+        finally:
+            self._add_spring_part(1.0, same_pattern=True)
 
     def _add_spring_part(self, factor: float, same_pattern: bool) -> None:
-        assert self._matrix is not None and self._spring_part is not None
+        assert self._matrix is not None
+        assert self._spring_part is not None
         add_scaled(
             self._matrix,
             factor,
@@ -364,7 +367,9 @@ class Multigrid:
     `set_constrained_directions` constrain; B contains the springs that `set_constrained_directions`
     has received. The smoother is a Chebyshev polynomial of degree 2 with the inverse diagonal
     blocks of nodes. The coarse level uses one cycle of algebraic multigrid that knows the rigid
-    motions. Products with K are computed in the blocked format, which makes them twice as fast.
+    motions. Its aggregates are chosen without springs, since an aggregate with nodes of two bodies
+    could not represent the sliding of these bodies on each other. Products with K are computed in
+    the blocked format, which makes them twice as fast.
 
     Args:
         K: matrix (n, n) without supports.
@@ -442,7 +447,7 @@ class Multigrid:
         coarse = preconditioner.getMGCoarseSolve()
         coarse.setType("preonly")
         coarse.getPC().setType("gamg")
-        coarse.setFromOptions()  # otherwise only from the second set-up of aggregates on
+        coarse.setFromOptions()  # otherwise PETSc reads the options after the first aggregates
         self._preconditioner = preconditioner
 
     def set_constrained_directions(
