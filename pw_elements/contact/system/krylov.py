@@ -53,9 +53,12 @@ _FORCING_TERM_FOR_CHANGING_TANGENT = 0.02
 # and the residual has to be smaller
 _INVERSE_LENGTH_TO_FORCE_FACTOR_OF_EQUAL_BODIES = 5.0
 # The final residual, divided by the largest nodal contact force, may exceed neither the solver's
-# tolerance nor _MAX_FINAL_RESIDUAL_PER_CONTACT_FORCE. With the accuracy "tightened", the limit is
-# multiplied by _TOLERANCE_TIGHTENING_FACTOR
+# tolerance nor _MAX_FINAL_RESIDUAL_PER_CONTACT_FORCE. For a changing tangent (large strains) it may
+# not exceed _MAX_RESIDUAL_PER_FORCE_FOR_CHANGING_TANGENT either, so that runs that are resumed from
+# a saved state differ by less than 1e-12. With the accuracy "tightened", the limit is multiplied by
+# _TOLERANCE_TIGHTENING_FACTOR
 _MAX_FINAL_RESIDUAL_PER_CONTACT_FORCE = MAX_CONTACT_VIOLATION_PER_NODAL_FORCE / 10
+_MAX_RESIDUAL_PER_FORCE_FOR_CHANGING_TANGENT = 1e-12
 _TOLERANCE_TIGHTENING_FACTOR = 0.1
 # Relative residual at which eigenvalues are computed
 _RELATIVE_RESIDUAL_FOR_EIGENVALUES = 1e-4
@@ -237,8 +240,13 @@ class KrylovTangent:
     ) -> LocalTangentSolution:
         law = replace(law, D=law.D[:, :, : law.E.shape[1]])  # the border has no rotations
         tighten = accuracy == "tightened" and self._is_final
+        final_tolerance = (
+            min(self._final_tolerance, _MAX_RESIDUAL_PER_FORCE_FOR_CHANGING_TANGENT)
+            if self._stiffness_changed
+            else self._final_tolerance
+        )
         self._tolerance = (
-            self._tolerance * _TOLERANCE_TIGHTENING_FACTOR if tighten else self._final_tolerance
+            self._tolerance * _TOLERANCE_TIGHTENING_FACTOR if tighten else final_tolerance
         )
         law, forcing_term = self._scale_law_and_rhs_and_choose_forcing_term(law, rhs)
         self._matrix_free_operator.set_law(law)
