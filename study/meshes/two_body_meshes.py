@@ -1,12 +1,18 @@
 """Meshes that contain two bodies."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
-from dolfinx.mesh import Mesh, create_mesh
+from dolfinx.mesh import Mesh, create_mesh, locate_entities_boundary
 
 from pw_elements._compat import cell_geometry_nodes
+from pw_elements.meshes import curved_mesh
+from study.meshes.solid_meshes import mesh_box_along_lines
 
 Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
 
 
 def add_rotated_body(lower: Mesh, distance: float) -> Mesh:
@@ -33,3 +39,48 @@ def join_lower_and_upper_mesh(lower: Mesh, upper: Mesh) -> tuple[Mesh, npt.NDArr
     element = lower.ufl_domain().ufl_coordinate_element()
     mesh = create_mesh(lower.comm, cells=cells, x=np.ascontiguousarray(x), e=element)
     return mesh, np.asarray(mesh.topology.original_cell_index) < len(lower_cells)
+
+
+def mesh_two_blocks_of_tetrahedra(
+    lower_lines: Sequence[Array],
+    upper_lines: Sequence[Array],
+    curvatures: tuple[float, float],
+    gap: float,
+    extent: float = np.inf,
+) -> tuple[Mesh, tuple[Indices, Indices]]:
+    """Mesh a block below and a block above z = 0, whose sides there are paraboloids.
+
+    Args:
+        lower_lines: Mesh lines of the lower block along each axis.
+        upper_lines: Mesh lines of the upper block.
+        curvatures: Curvatures of the lower block's upper side and of the upper block's lower side.
+        gap: Distance by which the upper block is moved upwards.
+        extent: Largest size of the coordinates x and y of the slave.
+
+    Returns:
+        Mesh, and the facets of the slave (of the upper block) and of the master.
+    """
+
+    def height(curvature: float, x: Array, y: Array) -> Array:
+        return np.asarray(curvature / 2 * (x**2 + y**2))
+
+    blocks = []
+    for lines, curvature in zip((lower_lines, upper_lines), curvatures, strict=True):
+        far_side = np.abs(lines[2]).max()
+
+        def bend(x: Array, curvature: float = curvature, far_side: float = far_side) -> Array:
+            fraction = 1 - np.abs(x[:, 2]) / far_side
+            return np.column_stack([x[:, :2], x[:, 2] + fraction * height(curvature, *x.T[:2])])
+
+        blocks.append(curved_mesh(mesh_box_along_lines("tetrahedron", *lines), bend))
+    blocks[1].geometry.x[:, 2] += gap
+    mesh, _ = join_lower_and_upper_mesh(*blocks)
+
+    def find_facets(curvature: float, distance: float, extent: float) -> Indices:
+        def is_on_side(x: Array) -> Mask:
+            is_at_height = np.abs(x[2] - height(curvature, *x[:2]) - distance) < 1e-9
+            return np.asarray(is_at_height & (np.abs(x[:2]).max(axis=0) < extent + 1e-9))
+
+        return locate_entities_boundary(mesh, 2, is_on_side).astype(np.int64)
+
+    return mesh, (find_facets(curvatures[1], gap, extent), find_facets(curvatures[0], 0.0, np.inf))

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from dolfinx.mesh import compute_midpoints
 
+from study.benchmarks.v17_bodies.problems import SlidingHistory
 from study.benchmarks.v18_bodies_in_space import problems
+from study.meshes.two_body_meshes import mesh_two_blocks_of_tetrahedra
 from study.solutions.rubber import POISSONS_RATIO
 
 
@@ -26,7 +28,7 @@ def test_uniaxial_stress_follows_from_the_derivatives_of_the_energy():
 def test_sides_of_two_blocks_belong_to_the_right_block_and_lie_on_their_paraboloids():
     lines = [np.linspace(-1, 1, 3), np.linspace(-1, 1, 3), np.array([-1.0, 0.0])]
     upper_lines = [*lines[:2], np.array([0.0, 1.0])]
-    mesh, (slave, master) = problems._mesh_two_blocks(lines, upper_lines, (0.1, 0.3), 0.01)
+    mesh, (slave, master) = mesh_two_blocks_of_tetrahedra(lines, upper_lines, (0.1, 0.3), 0.01)
     assert len(slave) == len(master) == 8
     assert (compute_midpoints(mesh, 2, slave.astype(np.int32))[:, 2] > 0.01).all()
     mesh.topology.create_connectivity(2, 3)
@@ -42,7 +44,7 @@ def test_sides_of_two_blocks_belong_to_the_right_block_and_lie_on_their_parabolo
 def test_slave_ends_at_the_given_extent():
     lines = [np.linspace(-1, 1, 5), np.linspace(-1, 1, 5), np.array([-1.0, 0.0])]
     upper_lines = [*lines[:2], np.array([0.0, 1.0])]
-    _, (slave, master) = problems._mesh_two_blocks(lines, upper_lines, (0.0, 0.0), 0.01, 0.5)
+    _, (slave, master) = mesh_two_blocks_of_tetrahedra(lines, upper_lines, (0.0, 0.0), 0.01, 0.5)
     assert (len(slave), len(master)) == (8, 32)
 
 
@@ -53,7 +55,8 @@ def small_patch(monkeypatch):
     monkeypatch.setattr(problems, "ROTATION_DEGREES", 30.0)
 
 
-def test_forces_of_a_rotated_patch_add_up_to_pressure_times_area(small_patch):
+@pytest.mark.usefixtures("small_patch")
+def test_forces_of_a_rotated_patch_add_up_to_pressure_times_area():
     result = problems.patch("pw-T10", 0.0)
     stretches, pressure = problems._deformation_of_uniaxial_stress(problems.PATCH_STRETCH)
     for side in ("", "_master"):
@@ -63,7 +66,8 @@ def test_forces_of_a_rotated_patch_add_up_to_pressure_times_area(small_patch):
         assert area == pytest.approx(stretches[0] ** 2, rel=1e-9)
 
 
-def test_only_the_new_element_has_even_pressures_in_a_small_patch(small_patch):
+@pytest.mark.usefixtures("small_patch")
+def test_only_the_new_element_has_even_pressures_in_a_small_patch():
     errors = {
         element: problems.patch(element, 0.0).scalars["force_over_weight_error_master"]
         for element in ("pw-T10", "galerkin-T10")
@@ -91,6 +95,6 @@ def test_ripple_is_what_a_parabola_over_the_path_leaves():
 
 def test_convergence_order_of_a_quadratic_and_of_a_linear_sequence():
     quadratic = [1e-1, 1e-2, 1e-4, 1e-8, 1e-16]
-    assert problems._measure_convergence_order([quadratic] * 3) == pytest.approx(2.0)
+    assert SlidingHistory([], [quadratic] * 3).median_convergence_order() == pytest.approx(2.0)
     linear = [10.0**-k for k in range(1, 8)]
-    assert problems._measure_convergence_order([linear]) == pytest.approx(1.0)
+    assert SlidingHistory([], [linear]).median_convergence_order() == pytest.approx(1.0)

@@ -103,6 +103,19 @@ class SlidingHistory:
             "quadratic": float(np.mean(is_quadratic)),
         }
 
+    def median_convergence_order(self) -> float:
+        """Return the median order of convergence of the last three iterations of each increment.
+
+        Violations of the contact law below `CONTACT_LAW_ROUND_OFF` are not considered.
+        """
+        orders = []
+        for violations in self.contact_law_violations:
+            above_round_off = [v for v in violations if v > CONTACT_LAW_ROUND_OFF]
+            if len(above_round_off) > 2:
+                first, second, third = np.log(above_round_off[-3:])
+                orders.append((third - second) / (second - first))
+        return float(np.median(orders))
+
     def largest_force_imbalance(self) -> float:
         """Return the largest resultant of all contact forces, over the force on one body."""
         sums = [

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-from dolfinx.mesh import Mesh, locate_entities_boundary
+from dolfinx.mesh import Mesh
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
@@ -13,11 +13,9 @@ from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.contact import SLIP
 from pw_elements.contact.model import ContactState, PairState
 from pw_elements.contact.mortars import gather_boundary_facets
-from pw_elements.meshes import curved_mesh
 from study.benchmarks.v11_two_bodies.methods import integrate_mortar_coupling_of_multipliers
 from study.benchmarks.v17_bodies.problems import SlidingHistory, solve_sliding_of_two_bodies
-from study.meshes.solid_meshes import mesh_box_along_lines
-from study.meshes.two_body_meshes import join_lower_and_upper_mesh
+from study.meshes.two_body_meshes import mesh_two_blocks_of_tetrahedra
 from study.model.units import assign_unit_one_to_scalars
 from study.run.store import Result
 from study.solutions.calculix.die import FRICTION
@@ -93,51 +91,6 @@ def _divide_box(box: Sequence[tuple[float, float]], cells: Sequence[int]) -> lis
     return [np.linspace(*ends, n + 1) for ends, n in zip(box, cells, strict=True)]
 
 
-def _mesh_two_blocks(
-    lower_lines: Sequence[Array],
-    upper_lines: Sequence[Array],
-    curvatures: tuple[float, float],
-    gap: float = GAP,
-    extent: float = np.inf,
-) -> tuple[Mesh, tuple[Indices, Indices]]:
-    """Mesh a block below and a block above z = 0, whose sides there are paraboloids.
-
-    Args:
-        lower_lines: Mesh lines of the lower block along each axis.
-        upper_lines: Mesh lines of the upper block.
-        curvatures: Curvatures of the lower block's upper side and of the upper block's lower side.
-        gap: Distance by which the upper block is moved upwards.
-        extent: Largest size of the coordinates x and y of the slave.
-
-    Returns:
-        Mesh, and the facets of the slave (of the upper block) and of the master.
-    """
-
-    def height(curvature: float, x: Array, y: Array) -> Array:
-        return np.asarray(curvature / 2 * (x**2 + y**2))
-
-    blocks = []
-    for lines, curvature in zip((lower_lines, upper_lines), curvatures, strict=True):
-        far_side = np.abs(lines[2]).max()
-
-        def bend(x: Array, curvature: float = curvature, far_side: float = far_side) -> Array:
-            fraction = 1 - np.abs(x[:, 2]) / far_side
-            return np.column_stack([x[:, :2], x[:, 2] + fraction * height(curvature, *x.T[:2])])
-
-        blocks.append(curved_mesh(mesh_box_along_lines("tetrahedron", *lines), bend))
-    blocks[1].geometry.x[:, 2] += gap
-    mesh, _ = join_lower_and_upper_mesh(*blocks)
-
-    def find_facets(curvature: float, distance: float, extent: float) -> Indices:
-        def is_on_side(x: Array) -> Mask:
-            is_at_height = np.abs(x[2] - height(curvature, *x[:2]) - distance) < 1e-9
-            return np.asarray(is_at_height & (np.abs(x[:2]).max(axis=0) < extent + 1e-9))
-
-        return locate_entities_boundary(mesh, 2, is_on_side).astype(np.int64)
-
-    return mesh, (find_facets(curvatures[1], gap, extent), find_facets(curvatures[0], 0.0, np.inf))
-
-
 def _mask_base_and_top(bodies: NeoHookeanBody) -> tuple[Mask, Mask]:
     z = bodies.x[:, 2]
     return np.isclose(z, z.min()), np.isclose(z, z.max())
@@ -204,7 +157,7 @@ def _deformation_of_uniaxial_stress(stretch: float) -> tuple[Array, float]:
 
 def _mesh_patch(curvature: float) -> tuple[Mesh, tuple[Indices, Indices]]:
     lower_lines, upper_lines = map(_divide_box, PATCH_BOXES, PATCH_CELLS)
-    return _mesh_two_blocks(lower_lines, upper_lines, (curvature, curvature))
+    return mesh_two_blocks_of_tetrahedra(lower_lines, upper_lines, (curvature, curvature), GAP)
 
 
 def patch(element: str, curvature: float) -> Result:
@@ -315,7 +268,9 @@ def slide(element: str) -> Result:
         element: Element name such as "pw-T10".
     """
     lower_lines, upper_lines = map(_divide_box, SLIDING_BOXES, SLIDING_CELLS)
-    mesh, sides = _mesh_two_blocks(lower_lines, upper_lines, (0.0, SLIDING_CURVATURE))
+    mesh, sides = mesh_two_blocks_of_tetrahedra(
+        lower_lines, upper_lines, (0.0, SLIDING_CURVATURE), GAP
+    )
     bodies = NeoHookeanBody(element, mesh, QUADRATURE_DEGREE)
     is_base, is_top = _mask_base_and_top(bodies)
 
@@ -333,7 +288,7 @@ def slide(element: str) -> Result:
     force = np.array([_pair(state).force for state in sliding.states])
     steady = force[N_STARTING_INCREMENTS:]
     scalars = sliding.summarise_iterations() | {
-        "convergence_order": _measure_convergence_order(sliding.contact_law_violations),
+        "convergence_order": sliding.median_convergence_order(),
         "balance_error": sliding.largest_force_imbalance(),
         "cone_error": sliding.largest_friction_law_violation(),
         "ripple_N": _measure_ripple(steady[:, 2]),
@@ -352,17 +307,6 @@ def _measure_ripple(force: Array) -> float:
     return float(np.abs(force - trend).max() / abs(force.mean()))
 
 
-def _measure_convergence_order(violations: Sequence[Sequence[float]]) -> float:
-    """Return the median order of convergence of the last three iterations of each increment."""
-    orders = []
-    for increment in violations:
-        above_round_off = [v for v in increment if v > 1e-12]
-        if len(above_round_off) >= 3:
-            a, b, c = np.log(above_round_off[-3:])
-            orders.append((c - b) / (b - a))
-    return float(np.median(orders))
-
-
 def flat(element: str) -> Result:
     """Slide a flat block on one whose upper side is kept flat, so that all nodes slip.
 
@@ -370,7 +314,7 @@ def flat(element: str) -> Result:
         element: Element name such as "pw-T10".
     """
     lower_lines, upper_lines = map(_divide_box, FLAT_BOXES, FLAT_CELLS)
-    mesh, sides = _mesh_two_blocks(lower_lines, upper_lines, (0.0, 0.0))
+    mesh, sides = mesh_two_blocks_of_tetrahedra(lower_lines, upper_lines, (0.0, 0.0), GAP)
     bodies = NeoHookeanBody(element, mesh, QUADRATURE_DEGREE)
     is_base, is_top = _mask_base_and_top(bodies)
 
@@ -433,7 +377,7 @@ def hertz(element: str, elements_per_radius: float) -> Result:
     across, depth, extent = _mesh_lines(elements_per_radius)
     block_across, block_depth, _ = _mesh_lines(elements_per_radius / BALL_OVER_BLOCK_CELLS)
     lower_lines = block_across, block_across, -block_depth[::-1]
-    mesh, sides = _mesh_two_blocks(
+    mesh, sides = mesh_two_blocks_of_tetrahedra(
         lower_lines, (across, across, depth), (0.0, 1 / BALL_RADIUS), gap, extent
     )
     bodies = NeoHookeanBody(element, mesh, QUADRATURE_DEGREE)
