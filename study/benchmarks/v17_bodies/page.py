@@ -235,6 +235,6 @@ FURTHER_FINDINGS = r"""
 LIMITS = r"""
 Sides are polylines: a slave sees the kinks of a coarser master, and mid-side over corner forces swing about one as it
 passes them. Let the slave be the finer side all the same: single nodes of a finer master are in tension at the edge of
-contact. The standard element's results on meshes of unequal fineness come
-from a longer series that is computed and compared by `./run nightly`.
+contact. Section V18 has bodies in space. The standard element's results on meshes of unequal fineness come from a longer
+series that is computed and compared by `./run nightly`.
 """

@@ -103,11 +103,7 @@ def _pair(state: ContactState) -> PairState:
 def _integrate_weights_over_deformed_sides(
     bodies: NeoHookeanBody, state: ContactState, slave_and_master_facets: Sequence[Indices]
 ) -> Array:
-    """Integrate each node's test function over the deformed facets of its side.
-
-    Returns:
-        Integrals (n,) of all nodes; zero at nodes that lie on neither side.
-    """
+    """Integrate each node's test function (n,) over the deformed facets of its side."""
     make_spaces = Spaces.petrov_galerkin if bodies.element.startswith("pw") else Spaces.galerkin
     bodies.solution.x.array[:] = state.displacement.array_r
     stretch = SurfaceNodes.area_stretch(bodies.solution)
@@ -140,11 +136,7 @@ def _compare_force_over_weight(force: Array, weight: Array, exact: Array) -> dic
 
 
 def _deformation_of_uniaxial_stress(stretch: float) -> tuple[Array, float]:
-    """Return the stretches (3,) along the axes, and the pressure on sections z = constant.
-
-    Args:
-        stretch: Stretch along z.
-    """
+    """Return stretches (3,), and the pressure on sections z = constant, for a stretch along z."""
     lame = first_lame_constant_over_shear_modulus(POISSONS_RATIO)
 
     def lateral_stress(lateral: float) -> float:
@@ -163,10 +155,8 @@ def _mesh_patch(curvature: float) -> tuple[Mesh, tuple[Indices, Indices]]:
 def patch(element: str, curvature: float) -> Result:
     """Compress two blocks uniformly, then rotate both; compare with uniaxial stress.
 
-    The blocks stick together on their common side, and their lateral sides are free.
-
     Args:
-        element: Element name such as "pw-T10".
+        element: Name of the element.
         curvature: Curvature of the common side along both axes; zero if it is flat.
     """
     mesh, sides = _mesh_patch(curvature)
@@ -209,10 +199,7 @@ def patch(element: str, curvature: float) -> Result:
 
 
 def _measure_change_by_rotation(before: PairState, after: PairState, rotation: Rotation) -> float:
-    """Return the largest relative change of nodal forces and gaps by a rotation of both bodies.
-
-    Forces are related to the largest nodal force, and gaps to the initial gap.
-    """
+    """Return the largest change of forces, over the largest force, and of gaps, over `GAP`."""
     changes = [
         rotation.inv().apply(after.force_vector) - before.force_vector,
         rotation.inv().apply(after.opposite_force) - before.opposite_force,
@@ -265,7 +252,7 @@ def slide(element: str) -> Result:
     """Press a small block into a long one and slide it over ten of its elements.
 
     Args:
-        element: Element name such as "pw-T10".
+        element: Name of the element.
     """
     lower_lines, upper_lines = map(_divide_box, SLIDING_BOXES, SLIDING_CELLS)
     mesh, sides = mesh_two_blocks_of_tetrahedra(
@@ -311,7 +298,7 @@ def flat(element: str) -> Result:
     """Slide a flat block on one whose upper side is kept flat, so that all nodes slip.
 
     Args:
-        element: Element name such as "pw-T10".
+        element: Name of the element.
     """
     lower_lines, upper_lines = map(_divide_box, FLAT_BOXES, FLAT_CELLS)
     mesh, sides = mesh_two_blocks_of_tetrahedra(lower_lines, upper_lines, (0.0, 0.0), GAP)
@@ -347,10 +334,7 @@ def flat(element: str) -> Result:
 
 
 def _mesh_lines(elements_per_radius: float) -> tuple[Array, Array, float]:
-    """Return mesh lines across the body, and from the contact into the depth.
-
-    The third value is the distance from the axis within which nodes may be in contact.
-    """
+    """Return mesh lines across and into the body, and the extent of the part that may touch."""
     size = 1 / (elements_per_radius + 0.375)
     inner = size * np.arange(np.ceil(1.2 / size) + 1)
     n_outer = int(np.ceil((HERTZ_SIZE - inner[-1]) / (2.5 * size)))
@@ -365,7 +349,7 @@ def hertz(element: str, elements_per_radius: float) -> Result:
     """Press a ball and a block, both rotated by 70°, together, and compare with Hertz.
 
     Args:
-        element: Element name such as "pw-T10".
+        element: Name of the element.
         elements_per_radius: Number of elements of the ball (the slave) over the contact radius.
     """
     body = ElasticHalfSpace(2 * (1 + POISSONS_RATIO), POISSONS_RATIO)
