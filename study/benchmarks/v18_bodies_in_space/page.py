@@ -45,7 +45,7 @@ large strains.
 THEORY = r"""
 **Patch.** Two blocks with a common side, flat or of curvature 0.14 over their width, are compressed by 10 %. Base and top move
 as in uniaxial stress, lateral sides are free, and both blocks stick together: the exact solution is uniform, with the
-pressure $p\,n_z^2$ on the common side with the normal $oldsymbol{n}$. Then base and top are rotated by 70° about
+pressure $p\,n_z^2$ on the common side with the normal $\boldsymbol{n}$. Then base and top are rotated by 70° about
 (1, -2, 2) in four increments.
 
 **Sliding.** A convex block is pressed into a long one, and slid over ten of its elements in 20 increments. A flat block slides
@@ -58,7 +58,8 @@ on all outer sides {{ cite("johnson") }}.
 # Method
 
 METHOD = r"""
-Sides are triangles between all nodes, on which weights are linear. The library refuses standard elements, which have other
+Sides are triangles between all nodes, on which weights are linear; distances are measured between the curved facets. The
+library refuses standard elements, which have other
 weights; here the check is bypassed, so that the same mortar transfers their forces. Dual quadratic multipliers need another
 basis of displacements in space, because the weights of corners have no mean. Large sliding is not computed with them, but
 their transfer of a uniform pressure between flat sides is, as in section {{ ref("V11") }}.
