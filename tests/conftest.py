@@ -29,7 +29,7 @@ def _close_figures():
 @pytest.fixture(autouse=True)
 def _limit_mortar_candidates(monkeypatch):
     """Assert that the mortar's search tests few candidate pairs on every mesh of the suite."""
-    if (overlap := sys.modules.get("pw_elements.contact.mortars.overlap")) is None:
+    if (overlap := sys.modules.get("pw_elements.contact.interface.mortars.overlap")) is None:
         return
     find_candidate_pairs = overlap._find_sub_facet_pairs_with_intersecting_boxes
 

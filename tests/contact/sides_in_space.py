@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pw_elements.contact.mortars import (
+from pw_elements.contact.interface import (
     BoundaryFacets,
     SpaceSlidingMortar,
     measure_gap_and_slip,

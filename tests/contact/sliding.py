@@ -8,7 +8,7 @@ from dolfinx.mesh import CellType, create_rectangle
 
 from pw_elements import Body, Material, Spaces
 from pw_elements.contact import ContactPair, ContactProblem, DeformableSurface
-from pw_elements.contact.mortars import measure_gap_and_slip
+from pw_elements.contact.interface import measure_gap_and_slip
 from tests.contact.cases import (
     list_states_and_substates,
     make_finite_strain_unknown_and_residual,

@@ -8,7 +8,7 @@ from dolfinx.mesh import CellType, create_box
 
 from pw_elements import Spaces
 from pw_elements.contact import ContactPair, ContactProblem, DeformableSurface
-from pw_elements.contact.mortars import SpaceSlidingMortar
+from pw_elements.contact.interface import SpaceSlidingMortar
 from pw_elements.elasticity import facet_nodes
 from pw_elements.meshes import curved_mesh
 from pw_elements.spaces import locate_exterior_facets

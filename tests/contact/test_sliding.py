@@ -20,7 +20,7 @@ from pw_elements.contact import (
     SolutionNotFound,
     SurfacePassed,
 )
-from pw_elements.contact.mortars import BoundaryFacets, PlaneSlidingMortar, SlidingMortar
+from pw_elements.contact.interface import BoundaryFacets, PlaneSlidingMortar, SlidingMortar
 from pw_elements.contact.rescue.smallness import warn_if_slip_and_path_slip_differ
 from pw_elements.contact.steps import finite
 from tests.contact.cases import on_plane, rotation_matrix

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pw_elements.contact.mortars import SpaceSlidingMortar
-from pw_elements.contact.mortars.space import _TIE_BREAKING_SHIFT
+from pw_elements.contact.interface import SpaceSlidingMortar
+from pw_elements.contact.interface.mortars.space import _TIE_BREAKING_SHIFT
 from tests.contact.sides_in_space import (
     compare_mortar_with_verification,
     make_facets_of_height_field,

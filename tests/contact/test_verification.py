@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from pw_elements.contact import ContactFailed, ContactPair, Motion, Plane, SolutionNotFound
+from pw_elements.contact.interface.mortars.sliding import LinearisedMortar, SlidingMortar
 from pw_elements.contact.iteration import IncrementEquations
-from pw_elements.contact.mortars.sliding import LinearisedMortar, SlidingMortar
 from pw_elements.contact.nodes import LargeStrainKinematics, SmallStrainKinematics
 from pw_elements.contact.steps.verification import (
     VerificationScales,

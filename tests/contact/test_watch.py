@@ -23,8 +23,8 @@ from pw_elements.contact import (
     Sphere,
     SurfacePassed,
 )
+from pw_elements.contact.interface import integrate_outward_normals
 from pw_elements.contact.model import SmallDisplacementMeasures
-from pw_elements.contact.mortars import integrate_outward_normals
 from pw_elements.contact.rescue.smallness import (
     measure_max_strain_and_rotation,
     prepare_gradients_at_vertices,

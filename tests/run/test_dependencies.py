@@ -37,7 +37,6 @@ PACKAGES_FROM_LOWEST_TO_HIGHEST = [
     "meshes",
     "pictures",
     "contact.model",
-    "contact.mortars",
     "contact.interface",
     "contact.nodes",
     "contact.system",

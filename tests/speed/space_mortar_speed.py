@@ -19,7 +19,7 @@ import time
 
 import numpy as np
 
-from pw_elements.contact.mortars import SpaceSlidingMortar
+from pw_elements.contact.interface import SpaceSlidingMortar
 from tests.contact.sides_in_space import make_facets_of_height_field, slave_mask
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pw_elements.contact.mortars import OverlapQuadrature, gather_boundary_facets
+from pw_elements.contact.interface import OverlapQuadrature, gather_boundary_facets
 from study.benchmarks.v11_two_bodies.methods import (
     evaluate_dual_quadratic_functions,
     integrate_mortar_coupling_of_multipliers,

@@ -4,6 +4,23 @@ from pw_elements.contact.interface.build import (
     build_interface,
     build_interface_with_other_friction,
 )
+from pw_elements.contact.interface.mortars import (
+    N_SLIP_PATH_PIECES,
+    BoundaryFacets,
+    MortarMatrices,
+    MortarSlipReference,
+    OverlapQuadrature,
+    PlaneSlidingMortar,
+    SlidingMortar,
+    SpaceSlidingMortar,
+    compute_cell_lengths_or_areas,
+    compute_facet_nodes_positions_and_facet_normals,
+    compute_tributary_areas,
+    gather_boundary_facets,
+    integrate_outward_normals,
+    measure_gap_and_slip,
+    rotate_with_normal,
+)
 from pw_elements.contact.interface.operators import (
     MIN_COSINE_OF_OUTWARD_PUSHING_SURFACE_NORMAL,
     RELATIVE_COORDINATE_ROUND_OFF,

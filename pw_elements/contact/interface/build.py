@@ -22,6 +22,7 @@ from pw_elements.checks import (
     format_points,
     raise_errors_on_all_processes,
 )
+from pw_elements.contact.interface.mortars import SlidingMortar
 from pw_elements.contact.interface.operators import ContactInterface
 from pw_elements.contact.interface.pair_points import (
     FACED_INDEX_OF_RIGID_SURFACE,
@@ -44,7 +45,6 @@ from pw_elements.contact.model import (
     measure_gradient_change_at_half_step,
     with_default_difference_step,
 )
-from pw_elements.contact.mortars import SlidingMortar
 from pw_elements.elasticity import (
     StressState,
     exterior_facets_with_all_nodes,

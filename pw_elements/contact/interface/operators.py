@@ -35,6 +35,7 @@ from pw_elements.checks import (
     format_points,
     raise_errors_on_all_processes,
 )
+from pw_elements.contact.interface.mortars import SlidingMortar
 from pw_elements.contact.interface.pair_points import (
     FACED_INDEX_OF_DEFORMABLE_SURFACE,
     FACED_INDEX_OF_RIGID_SURFACE,
@@ -51,7 +52,6 @@ from pw_elements.contact.model import (
     SolutionNotFound,
     Surface,
 )
-from pw_elements.contact.mortars import SlidingMortar
 from pw_elements.elasticity import order_by_position
 from pw_elements.solvers import ComponentRigidModes
 from pw_elements.spaces import SubSpace, gather_nodal_values

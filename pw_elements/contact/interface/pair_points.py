@@ -21,13 +21,7 @@ from pw_elements._compat import cell_geometry_nodes
 from pw_elements.algebra import Reduction
 from pw_elements.arrays import Array, Indices, LocalIndices, Mask
 from pw_elements.checks import format_points
-from pw_elements.contact.model import (
-    ContactPair,
-    DeformableSurface,
-    FrictionCone,
-    MatchingNodes,
-)
-from pw_elements.contact.mortars import (
+from pw_elements.contact.interface.mortars import (
     BoundaryFacets,
     OverlapQuadrature,
     PlaneSlidingMortar,
@@ -35,6 +29,12 @@ from pw_elements.contact.mortars import (
     SpaceSlidingMortar,
     gather_boundary_facets,
     integrate_outward_normals,
+)
+from pw_elements.contact.model import (
+    ContactPair,
+    DeformableSurface,
+    FrictionCone,
+    MatchingNodes,
 )
 from pw_elements.elasticity import (
     StressState,

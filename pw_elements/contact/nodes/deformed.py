@@ -13,15 +13,13 @@ import numpy as np
 from pw_elements.arrays import Array, Mask
 from pw_elements.contact.interface import (
     FACED_INDEX_OF_RIGID_SURFACE,
-    ContactInterface,
-    check_user_surface_derivatives,
-)
-from pw_elements.contact.model import ContactPair
-from pw_elements.contact.mortars import (
     N_SLIP_PATH_PIECES,
+    ContactInterface,
     MortarSlipReference,
+    check_user_surface_derivatives,
     rotate_with_normal,
 )
+from pw_elements.contact.model import ContactPair
 from pw_elements.contact.nodes.nodes import (
     LinearisedKinematics,
     TorqueMap,

@@ -19,8 +19,11 @@ import numpy as np
 import scipy.sparse as sp
 
 from pw_elements.arrays import Array
-from pw_elements.contact.interface import FACED_INDEX_OF_RIGID_SURFACE, ContactInterface
-from pw_elements.contact.mortars import MortarSlipReference
+from pw_elements.contact.interface import (
+    FACED_INDEX_OF_RIGID_SURFACE,
+    ContactInterface,
+    MortarSlipReference,
+)
 from pw_elements.contact.nodes.nodes import LinearisedKinematics, make_frames
 
 

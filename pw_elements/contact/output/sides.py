@@ -13,14 +13,14 @@ from dolfinx import fem
 
 from pw_elements.arrays import Array, Indices
 from pw_elements.checks import format_points
-from pw_elements.contact.interface import make_sliding_mortar
-from pw_elements.contact.model import ContactState, PairState
-from pw_elements.contact.mortars import (
+from pw_elements.contact.interface import (
     BoundaryFacets,
     OverlapQuadrature,
     compute_tributary_areas,
     gather_boundary_facets,
+    make_sliding_mortar,
 )
+from pw_elements.contact.model import ContactState, PairState
 from pw_elements.contact.nodes import HELD, OPEN
 from pw_elements.elasticity import Body, StressState, SurfaceNodes, exterior_facets_with_all_nodes
 from pw_elements.spaces import gather_nodal_values

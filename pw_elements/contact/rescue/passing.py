@@ -20,9 +20,8 @@ from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import format_points, raise_errors_on_all_processes
-from pw_elements.contact.interface import ContactInterface
+from pw_elements.contact.interface import ContactInterface, MortarSlipReference
 from pw_elements.contact.model import SolutionNotFound, SurfacePassed
-from pw_elements.contact.mortars import MortarSlipReference
 from pw_elements.contact.nodes import RigidSurfaceMotion
 from pw_elements.contact.rescue.placing import PiecesMovingWithSupports
 

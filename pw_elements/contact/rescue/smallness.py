@@ -24,6 +24,7 @@ from pw_elements.contact.interface import (
     FACED_INDEX_OF_RIGID_SURFACE,
     MIN_COSINE_OF_OUTWARD_PUSHING_SURFACE_NORMAL,
     ContactInterface,
+    compute_facet_nodes_positions_and_facet_normals,
 )
 from pw_elements.contact.iteration import IncrementEquations, NewtonIterate
 from pw_elements.contact.model import (
@@ -32,7 +33,6 @@ from pw_elements.contact.model import (
     SmallDisplacementMeasures,
     SurfacePassed,
 )
-from pw_elements.contact.mortars import compute_facet_nodes_positions_and_facet_normals
 from pw_elements.contact.nodes import OPEN, IncrementStart
 from pw_elements.progress import log_on_root
 

@@ -25,10 +25,14 @@ import scipy.sparse as sp
 
 from pw_elements.algebra import Reduction
 from pw_elements.arrays import Array, LocalIndices, Mask
-from pw_elements.contact.interface import RELATIVE_COORDINATE_ROUND_OFF, ContactInterface
+from pw_elements.contact.interface import (
+    RELATIVE_COORDINATE_ROUND_OFF,
+    ContactInterface,
+    MortarMatrices,
+    measure_gap_and_slip,
+)
 from pw_elements.contact.iteration import RELATIVE_DISPLACEMENT_ROUND_OFF
 from pw_elements.contact.model import ContactPair, ContactState, Residuals, SolutionNotFound
-from pw_elements.contact.mortars import MortarMatrices, measure_gap_and_slip
 from pw_elements.contact.nodes import MAX_CONTACT_VIOLATION_PER_NODAL_FORCE
 
 # Shift of points, relative to the extent of the nodes, that reveals noise in a surface's function

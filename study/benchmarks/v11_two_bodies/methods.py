@@ -39,12 +39,12 @@ from pw_elements import (
     boundary_measure,
 )
 from pw_elements.contact import ContactPair, DeformableSurface, Motion, solve_contact
-from pw_elements.contact.model import ContactState
-from pw_elements.contact.mortars import (
+from pw_elements.contact.interface import (
     BoundaryFacets,
     OverlapQuadrature,
     gather_boundary_facets,
 )
+from pw_elements.contact.model import ContactState
 from pw_elements.elasticity import StressState
 from pw_elements.spaces import EntitySelection
 from study.model.reading import error_norms_on_common_and_other_nodes

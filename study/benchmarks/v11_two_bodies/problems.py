@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from pw_elements import SurfaceNodes, assemble_matrix, prescribe
 from pw_elements.contact import STICK, Motion
-from pw_elements.contact.mortars import (
+from pw_elements.contact.interface import (
     BoundaryFacets,
     compute_cell_lengths_or_areas,
     gather_boundary_facets,

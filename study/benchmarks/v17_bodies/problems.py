@@ -15,8 +15,8 @@ from scipy.integrate import quad
 from pw_elements import Spaces, SurfaceNodes, prescribe
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.contact import OPEN, SLIP, ContactPair, ContactProblem, DeformableSurface
+from pw_elements.contact.interface import SpaceSlidingMortar, gather_boundary_facets
 from pw_elements.contact.model import ContactState, PairState
-from pw_elements.contact.mortars import SpaceSlidingMortar, gather_boundary_facets
 from pw_elements.contact.nodes import MAX_CONTACT_VIOLATION_PER_NODAL_FORCE
 from pw_elements.meshes import curved_mesh
 from study.benchmarks.v17_bodies.quadratic_multipliers import (

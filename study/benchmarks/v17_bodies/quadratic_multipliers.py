@@ -23,15 +23,15 @@ import scipy.sparse as sp
 from pw_elements import Direct, PetrovGalerkinProblem, Reduction
 from pw_elements.arrays import Array, AutoDiffArray, Indices, stack_values_and_derivatives
 from pw_elements.contact import ContactPair
-from pw_elements.contact.iteration import make_undeformed_state
-from pw_elements.contact.model import ContactState
-from pw_elements.contact.mortars import (
+from pw_elements.contact.interface import (
     BoundaryFacets,
     MortarMatrices,
     PlaneSlidingMortar,
     SlidingMortar,
 )
-from pw_elements.contact.mortars.sliding import LinearisedMortar, sum_into_matrix
+from pw_elements.contact.interface.mortars.sliding import LinearisedMortar, sum_into_matrix
+from pw_elements.contact.iteration import make_undeformed_state
+from pw_elements.contact.model import ContactState
 from pw_elements.contact.steps.finite import LargeStrainStepping
 
 # Gauss-Legendre rule for products of two quadratic functions on curved facets

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from pw_elements import Spaces, SurfaceNodes
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.contact import SLIP
+from pw_elements.contact.interface import gather_boundary_facets
 from pw_elements.contact.model import ContactState, PairState
-from pw_elements.contact.mortars import gather_boundary_facets
 from study.benchmarks.v11_two_bodies.methods import integrate_mortar_coupling_of_multipliers
 from study.benchmarks.v17_bodies.problems import SlidingHistory, solve_sliding_of_two_bodies
 from study.meshes.two_body_meshes import mesh_two_blocks_of_tetrahedra

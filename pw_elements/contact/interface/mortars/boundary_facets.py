@@ -9,7 +9,7 @@ from dolfinx import fem, la
 from dolfinx.mesh import exterior_facet_indices
 
 from pw_elements.arrays import Array, Indices, LocalIndices
-from pw_elements.contact.mortars.overlap import (
+from pw_elements.contact.interface.mortars.overlap import (
     compute_cell_lengths_or_areas,
     compute_unoriented_cell_normals,
 )

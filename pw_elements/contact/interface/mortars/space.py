@@ -30,14 +30,14 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.contact.mortars.boundary_facets import BoundaryFacets
-from pw_elements.contact.mortars.facing import MortarMatrices
-from pw_elements.contact.mortars.facing_in_space import (
+from pw_elements.contact.interface.mortars.boundary_facets import BoundaryFacets
+from pw_elements.contact.interface.mortars.facing import MortarMatrices
+from pw_elements.contact.interface.mortars.facing_in_space import (
     TriangulatedSides,
     evaluate_mortar_matrices_in_space,
 )
-from pw_elements.contact.mortars.overlap import MAX_COSINE_OF_FACING_OUTWARD_NORMALS
-from pw_elements.contact.mortars.sliding import (
+from pw_elements.contact.interface.mortars.overlap import MAX_COSINE_OF_FACING_OUTWARD_NORMALS
+from pw_elements.contact.interface.mortars.sliding import (
     MIN_FACING_FRACTION_OF_SLAVE_FACET,
     FacingParts,
     NormalsWithDerivatives,

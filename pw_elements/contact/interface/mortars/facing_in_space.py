@@ -16,7 +16,7 @@ import basix
 import numpy as np
 
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.contact.mortars.facing import MortarMatrices, assemble_mortar_matrices
+from pw_elements.contact.interface.mortars.facing import MortarMatrices, assemble_mortar_matrices
 
 # Largest cosine between the outward normals of two triangles that face each other
 _MAX_COSINE_OF_OUTWARD_NORMALS = -0.01

@@ -12,14 +12,14 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array, AutoDiffArray, Indices, Mask, stack_values_and_derivatives
-from pw_elements.contact.mortars.boundary_facets import BoundaryFacets
-from pw_elements.contact.mortars.facing import (
+from pw_elements.contact.interface.mortars.boundary_facets import BoundaryFacets
+from pw_elements.contact.interface.mortars.facing import (
     MortarMatrices,
     MortarSides,
     evaluate_mortar_matrices,
 )
-from pw_elements.contact.mortars.overlap import MAX_COSINE_OF_FACING_OUTWARD_NORMALS
-from pw_elements.contact.mortars.sliding import (
+from pw_elements.contact.interface.mortars.overlap import MAX_COSINE_OF_FACING_OUTWARD_NORMALS
+from pw_elements.contact.interface.mortars.sliding import (
     MIN_FACING_FRACTION_OF_SLAVE_FACET,
     FacingParts,
     NormalsWithDerivatives,

@@ -30,8 +30,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.contact.mortars.boundary_facets import BoundaryFacets
-from pw_elements.contact.mortars.facing import MortarMatrices
+from pw_elements.contact.interface.mortars.boundary_facets import BoundaryFacets
+from pw_elements.contact.interface.mortars.facing import MortarMatrices
 
 # Number of pieces of the straight path along which slip is integrated
 N_SLIP_PATH_PIECES = 8

@@ -19,11 +19,11 @@ import numpy as np
 import scipy.sparse as sp
 
 from pw_elements.arrays import Array, Indices
-from pw_elements.contact.mortars.boundary_facets import (
+from pw_elements.contact.interface.mortars.boundary_facets import (
     SUB_FACET_CELL_TYPE_BY_CORNER_COUNT,
     BoundaryFacets,
 )
-from pw_elements.contact.mortars.overlap import (
+from pw_elements.contact.interface.mortars.overlap import (
     compute_cell_lengths_or_areas,
     compute_jacobian_factors,
     evaluate_corner_shape_functions,
