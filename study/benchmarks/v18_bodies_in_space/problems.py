@@ -181,7 +181,7 @@ def patch(element: str, curvature: float) -> Result:
         "pressure": pressure,
     }
     weight = _integrate_weights_over_deformed_sides(bodies, last, sides)
-    curves = {}
+    curves: dict[str, Array] = {}
     forces = {
         "": (_pair(last).node, -_pair(last).force_vector),
         "_master": (_pair(last).opposite_node, _pair(last).opposite_force),
