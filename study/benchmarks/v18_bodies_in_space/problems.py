@@ -88,7 +88,7 @@ def _rotation_times() -> list[float]:
 
 def _divide_box(box: Sequence[tuple[float, float]], cells: Sequence[int]) -> list[Array]:
     """Return even mesh lines along each axis of a box, given by its ends along each axis."""
-    return [np.linspace(*ends, n + 1) for ends, n in zip(box, cells, strict=True)]
+    return [np.linspace(*ends, n + 1, dtype=np.float64) for ends, n in zip(box, cells, strict=True)]
 
 
 def _mask_base_and_top(bodies: NeoHookeanBody) -> tuple[Mask, Mask]:
