@@ -58,11 +58,10 @@ on all outer sides {{ cite("johnson") }}.
 # Method
 
 METHOD = r"""
-Sides are triangles between all nodes, on which weights are linear; distances are measured between the curved facets. The
-library refuses standard elements, which have other
-weights; here the check is bypassed, so that the same mortar transfers their forces. Dual quadratic multipliers need another
-basis of displacements in space, because the weights of corners have no mean. Large sliding is not computed with them, but
-their transfer of a uniform pressure between flat sides is, as in section {{ ref("V11") }}.
+Weights are linear on triangles between all nodes; distances are those of the curved facets. The library refuses standard
+elements, which have other weights; here the check is bypassed, so that the same mortar transfers their forces. Dual quadratic multipliers need another
+basis of displacements in space, because the weights of corners have no mean. Only
+their transfer of a uniform pressure between flat sides is computed, as in section {{ ref("V11") }}.
 
 Pressures are nodal forces over the integrals of the nodes' own weights on the deformed facets. Nodes with less than 2 % of
 the largest weight, which are corners of the standard T10, have none. The radius of Hertz' contact follows from the mean of
@@ -309,7 +308,7 @@ element by {{ num(100 * s("V18/hertz-galerkin-T10-3", "pressure_error"), 2) }} a
 """
 
 FURTHER_FINDINGS = r"""
-1. **Curved sides.** Triangles between the nodes of both meshes do not coincide: the pressure is off by up to
+1. **Curved sides.** The triangles of both meshes do not coincide: the pressure is off by up to
    {{ num(100 * s("V18/patch-curved-pw-T10", "force_over_weight_error"), 2) }} %.
 2. **Dual quadratic multipliers** transfer a uniform pressure between flat sides as exactly, to
    {{ most(s("V18/transfer-galerkin-T10", "force_over_weight_error_master")) }}, but

@@ -223,8 +223,8 @@ def _average_normals_at_slave_nodes(sides: TriangulatedSides, x: Array) -> Array
 
 def _unit_normals(corners: Array) -> Array:
     """Return unit normals (n, 3) of triangles with corners (n, 3, 3), anticlockwise around them."""
-    vectors: Array = np.cross(corners[:, 2] - corners[:, 1], corners[:, 0] - corners[:, 1])
-    return _normalise(vectors)
+    vectors = np.cross(corners[:, 2] - corners[:, 1], corners[:, 0] - corners[:, 1])
+    return _normalise(np.asarray(vectors, dtype=float))
 
 
 def _normalise(vectors: Array) -> Array:

@@ -189,8 +189,8 @@ class SpaceSlidingMortar(SlidingMortar):
         i, j = np.triu_indices(3)
         W, ends = _WEIGHT_FUNCTION_COEFFICIENTS, _EDGE_ENDS
         # integrals over the polygons in edge coordinates, and derivatives with respect to p
-        slave_products = np.einsum("ia,ib,abcv,c->iv", W[i], W[j], _CUBIC_MONOMIALS, _CONSTANT)
-        D, dD = moments @ slave_products.T, slave_products @ moment_rates
+        by_moments = np.einsum("ia,ib,abcv,c->iv", W[i], W[j], _CUBIC_MONOMIALS, _CONSTANT)
+        D, dD = moments @ by_moments.T, by_moments @ moment_rates
         slave_bubble_products = np.einsum(
             "ia,eb,ec,abcv->iev", W, W[ends[:, 0]], W[ends[:, 1]], _CUBIC_MONOMIALS
         )
@@ -224,18 +224,23 @@ class SpaceSlidingMortar(SlidingMortar):
             by_corners += values[:, :, None] * jacobian_rates[:, None]
             return (values * jacobian[:, None]).reshape(shape), by_corners.reshape(*shape, 18)
 
+        slave_products, slave_products_rate = per_area(D, dD)
+        mixed_products, mixed_products_rate = per_area(M, dM)
+        bubble_products, bubble_products_rate = per_area(bubble, bubble_rate)
+        # the master's corners are in reversed order
+        bubbles = [self._slave_bubbles[slave], self._master_bubbles[master][:, ::-1]]
         return FacingParts(
             slave,
             nodes[:, :3],
             nodes[:, 3:],
             nodes,
-            *per_area(D, dD),
-            *per_area(M, dM),
-            # the master's corners are in reversed order
-            np.concatenate(
-                [self._slave_bubbles[slave], self._master_bubbles[master][:, ::-1]], axis=1
-            ),
-            *per_area(bubble, bubble_rate),
+            slave_products,
+            slave_products_rate,
+            mixed_products,
+            mixed_products_rate,
+            np.concatenate(bubbles, axis=1),
+            bubble_products,
+            bubble_products_rate,
         )
 
     def _find_near_facing_facet_pairs(self, x: Array) -> tuple[Indices, Indices]:
@@ -366,7 +371,7 @@ def _project_onto_slave_triangles(corners: Array) -> tuple[Array, Array, Array]:
         (q, 2, 2) of the edges.
     """
     edges = corners[:, 1:3] - corners[:, :1]
-    inverse_metric = np.linalg.inv(edges @ np.swapaxes(edges, 1, 2))
+    inverse_metric: Array = np.asarray(np.linalg.inv(edges @ np.swapaxes(edges, 1, 2)), dtype=float)
     H = inverse_metric @ edges
     return (corners[:, 3:] - corners[:, :1]) @ np.swapaxes(H, 1, 2), H, inverse_metric
 
