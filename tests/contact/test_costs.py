@@ -1,4 +1,4 @@
-"""Costs of contact solutions as numbers of linear systems, factorisations and iterations.
+"""Costs of contact solutions as numbers of systems, factorisations, iterations and products.
 
 Times depend on the machine, but these numbers do not: an algorithm that has become slower changes
 them on every machine. `./run python3 -m tests.contact.test_costs` prints the numbers of all cases.
@@ -8,11 +8,13 @@ from collections.abc import Callable
 from unittest.mock import patch
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 import pytest
 
 from pw_elements import Direct, Iterative
+from pw_elements.algebra.nonlinear import ResidualSystem
 from pw_elements.contact import ContactPair, Motion, Parabola, Plane, Sphere, solve_contact
 from pw_elements.contact.nodes import SmallStrainKinematics
 from tests.contact.cases import BlockOnFloor, PunchedBlock, on_plane
@@ -24,25 +26,26 @@ from tests.contact.test_large import (
 )
 from tests.contact.two_bodies import StackedBlocks, refine_middle, round_lower_side
 
-# Numbers of linear systems, factorisations, and iterations of Krylov's method or of the refinement
-# of corrected factors, over all increments
+# Over all increments: numbers of linear systems, of factorisations, of iterations of Krylov's method
+# or of the refinement of corrected factors, of assemblies of residuals and tangents, and of products
+# of matrices and vectors, those of multigrid levels included
 COSTS_BY_NAME = {
-    "plane block, factors": (33, 1, 34),
-    "plane block, Krylov": (45, 0, 274),
-    "punched block": (12, 1, 12),
-    "solid on a floor, factors": (6, 1, 92),
-    "solid on a floor, Krylov": (6, 0, 27),
-    "finer solid on a floor, factors": (7, 1, 210),
-    "solid under a pushed plate, factors": (12, 2, 187),
-    "nearly sliding solid, Krylov": (21, 0, 129),
-    "plane rubber": (18, 18, 0),
-    "solid rubber, factors": (5, 5, 0),
-    "solid rubber, Krylov": (6, 0, 38),
-    "hybrid solid rubber, Krylov": (5, 0, 68),
-    "two plane blocks": (1, 1, 0),
-    "two solid blocks, Krylov": (6, 0, 58),
-    "two solid blocks of hexahedra, Krylov": (6, 0, 41),
-    "round block on a block, hexahedra with a coarse rim, Krylov": (7, 0, 58),
+    "plane block, factors": (33, 1, 34, 0, 286),
+    "plane block, Krylov": (45, 0, 274, 0, 3248),
+    "punched block": (12, 1, 12, 0, 96),
+    "solid on a floor, factors": (6, 1, 92, 0, 47),
+    "solid on a floor, Krylov": (6, 0, 27, 0, 381),
+    "finer solid on a floor, factors": (7, 1, 210, 0, 53),
+    "solid under a pushed plate, factors": (12, 2, 187, 0, 90),
+    "nearly sliding solid, Krylov": (21, 0, 129, 0, 1629),
+    "plane rubber": (18, 18, 0, 44, 126),
+    "solid rubber, factors": (5, 5, 0, 38, 108),
+    "solid rubber, Krylov": (6, 0, 38, 40, 1385),
+    "hybrid solid rubber, Krylov": (5, 0, 68, 38, 3384),
+    "two plane blocks": (1, 1, 0, 0, 18),
+    "two solid blocks, Krylov": (6, 0, 58, 0, 1051),
+    "two solid blocks of hexahedra, Krylov": (6, 0, 41, 0, 572),
+    "round block on a block, hexahedra with a coarse rim, Krylov": (7, 0, 58, 0, 1137),
 }
 # Accepted growth, as round-off differs between versions of PETSc and compilers: of the number of
 # systems, and of the number of iterations
@@ -111,24 +114,36 @@ STATE_MAKERS_BY_NAME: dict[str, Callable] = {
 }
 
 
-def count_systems_factorisations_and_krylov_iterations(states):
-    """Return the three sums over all states."""
+def count_costs(make_states):
+    """Return the numbers that `COSTS_BY_NAME` has, for states that a function computes."""
+    PETSc.Log.begin()
+    n_products = PETSc.Log.Event("MatMult").getPerfInfo()["count"]
+    assemblies = [
+        patch.object(ResidualSystem, name, autospec=True, side_effect=getattr(ResidualSystem, name))
+        for name in ("assemble_residual", "assemble_tangent")
+    ]
+    with assemblies[0] as assemble_residual, assemblies[1] as assemble_tangent:
+        states = make_states()
     return (
         sum(state.iterations for state in states),
         sum(state.report.factorisations for state in states),
         sum(state.report.krylov_iterations for state in states),
+        assemble_residual.call_count + assemble_tangent.call_count,
+        int(PETSc.Log.Event("MatMult").getPerfInfo()["count"] - n_products),
     )
 
 
 @pytest.mark.parametrize("name", COSTS_BY_NAME)
 def test_a_contact_solution_costs_no_more_than_stored(name):
-    """Neither systems, factorisations nor iterations have become more than the stored numbers."""
-    costs = count_systems_factorisations_and_krylov_iterations(STATE_MAKERS_BY_NAME[name]())
-    n_systems, n_factorisations, n_iterations = COSTS_BY_NAME[name]
+    """No number has become larger than the stored one, but for round-off."""
+    costs = count_costs(STATE_MAKERS_BY_NAME[name])
+    n_systems, n_factorisations, n_iterations, n_assemblies, n_products = COSTS_BY_NAME[name]
     n_added_systems = max(costs[0] - n_systems, 0)
     assert n_added_systems <= MAX_ADDED_SYSTEMS
     assert costs[1] <= n_factorisations + n_added_systems
     assert costs[2] <= MAX_ITERATION_GROWTH * n_iterations + 2
+    assert costs[3] <= n_assemblies + 2 * n_added_systems
+    assert costs[4] <= MAX_ITERATION_GROWTH * n_products + 20 + 20 * n_added_systems
 
 
 @pytest.mark.parametrize(
@@ -157,4 +172,4 @@ def test_only_curved_distances_are_linearised_again_at_a_solution(surface, n_lin
 
 if __name__ == "__main__" and MPI.COMM_WORLD.rank == 0:
     for name, make_states in STATE_MAKERS_BY_NAME.items():
-        print(f'    "{name}": {count_systems_factorisations_and_krylov_iterations(make_states())},')
+        print(f'    "{name}": {count_costs(make_states)},')
