@@ -26,9 +26,9 @@ from tests.contact.test_large import (
 )
 from tests.contact.two_bodies import StackedBlocks, refine_middle, round_lower_side
 
-# Over all increments: numbers of linear systems, of factorisations, of iterations of Krylov's method
-# or of the refinement of corrected factors, of assemblies of residuals and tangents, and of products
-# of matrices and vectors, those of multigrid levels included
+# Over all increments: numbers of linear systems, of factorisations, of iterations of Krylov's
+# method or of the refinement of corrected factors, of assemblies of residuals and tangents, and of
+# products of matrices and vectors, those of multigrid levels included
 COSTS_BY_NAME = {
     "plane block, factors": (33, 1, 34, 0, 286),
     "plane block, Krylov": (45, 0, 274, 0, 3248),
