@@ -194,8 +194,7 @@ def make_own_and_opposite_surface(
         mortar_state = mortar.linearise(x)
         covered_area = mortar_state.areas[slaves]
         force_transfer = mortar_state.master_fractions[slaves][:, masters].T
-        rows = mortar_state.distance_rows[slaves][:, mortar.n_slave_nodes + masters]
-        means = -rows.T @ sp.diags_array(covered_area)
+        means = mortar_state.mixed_products[slaves][:, masters].T
         slave_trace = slave_trace.with_positions(x[: mortar.n_slave_nodes])
         master_trace = master_trace.with_positions(x[mortar.n_slave_nodes :])
     facing = np.asarray(means.sum(axis=1))

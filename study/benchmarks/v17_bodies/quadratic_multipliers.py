@@ -207,6 +207,7 @@ class DualQuadraticMortar(PlaneSlidingMortar):
             rows @ x,
             rows,
             master_fractions,
+            sp.csr_array(sp.diags_array(area) @ master_fractions),
             area,
             differentiate_distance_rows_times_positions,
             d_distance,

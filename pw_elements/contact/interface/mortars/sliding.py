@@ -144,6 +144,8 @@ class LinearisedMortar:
         distance_rows: (m, n), the matrix S.
         master_fractions: (m, k), fractions of the force at each node of the slave that the nodes of
             the master receive. They add up to one.
+        mixed_products: (m, k), integrals of the products of a weight function of the slave and one
+            of the master.
         areas: (m,), integrals of the slave's weight functions.
         differentiate_mean_differences: function that returns the derivative (d m, d n) of S y with
             respect to the positions, for constant values y (n, d).
@@ -158,6 +160,7 @@ class LinearisedMortar:
     mean_distance: Array
     distance_rows: sp.csr_array
     master_fractions: sp.csr_array
+    mixed_products: sp.csr_array
     areas: Array
     differentiate_mean_differences: Callable[[Array], sp.csr_array]
     distance_rate: sp.csr_array
@@ -429,6 +432,7 @@ class SlidingMortar(ABC):
             mean_distance,
             distance_rows,
             master_fractions,
+            sum_into_matrix(Q, slave_nodes[:, :, None], master_nodes[:, None] - m, (m, n - m)),
             areas,
             differentiate_mean_differences,
             distance_rate,

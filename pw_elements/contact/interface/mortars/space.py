@@ -218,8 +218,8 @@ class SpaceSlidingMortar(SlidingMortar):
 
         def per_area(values: Array, rates: Array) -> tuple[Array, Array]:
             """Return integrals over the areas in space, and derivatives by the corners."""
-            shape = values.shape
-            values, rates = values.reshape(shape[0], -1), rates.reshape(shape[0], -1, 6)
+            shape, n_integrals = values.shape, int(np.prod(values.shape[1:]))
+            values, rates = values.reshape(-1, n_integrals), rates.reshape(-1, n_integrals, 6)
             by_corners = (rates @ p_rates) * jacobian[:, None, None]
             by_corners += values[:, :, None] * jacobian_rates[:, None]
             return (values * jacobian[:, None]).reshape(shape), by_corners.reshape(*shape, 18)
