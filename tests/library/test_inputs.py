@@ -288,7 +288,10 @@ def accepted_types(function, name):
     """Return the set of types that the annotation of an argument admits, without parameters."""
     hint = get_type_hints(function)[name]
     members = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
-    return {get_origin(member) or member for member in members}
+    types = [get_origin(member) or member for member in members]
+    # NumPy's NDArray is an alias of a type in new versions
+    values = [getattr(accepted, "__value__", accepted) for accepted in types]
+    return {get_origin(value) or value for value in values}
 
 
 def test_annotations_admit_what_is_accepted():
