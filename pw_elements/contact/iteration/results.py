@@ -10,10 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pw_elements.arrays import Array
-from pw_elements.contact.interface import (
-    FACED_INDEX_OF_DEFORMABLE_SURFACE,
-    ContactInterface,
-)
+from pw_elements.contact.interface import FACED_INDEX_OF_DEFORMABLE_SURFACE, ContactInterface
 from pw_elements.contact.iteration.increment import IncrementEquations, NewtonIterate
 from pw_elements.contact.model import (
     ContactState,

@@ -16,7 +16,7 @@ where B_ab is the second difference of f along the edge ab. The edges of all fou
 facet are parallel to the edges of the facet, so that B_ab = f_p - 2 f_m + f_q with the ends p, q
 and the middle m of the parallel edge.
 
-A polygon and all integrals over it depend on the nine nodes' coordinates only through the six
+A polygon and all integrals over it depend on the positions of the six corners only through the six
 coordinates p and the area of the slave's triangle. Therefore the derivatives are first computed
 with respect to p, and then multiplied by the derivative of p.
 
@@ -108,7 +108,7 @@ class SpaceSlidingMortar(SlidingMortar):
             ends_and_middles,
             (len(number), len(self.x)),
         )
-        sides = self._master_facets[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+        sides = self._master_facets[:, _EDGE_ENDS].reshape(-1, 2)
         edges, count = np.unique(np.sort(sides, axis=1), axis=0, return_counts=True)
         self._master_rim_edges = edges[count == 1]
 
@@ -286,9 +286,9 @@ class SpaceSlidingMortar(SlidingMortar):
         on_rim = np.zeros(len(corners), dtype=bool)
         n = len(self.nodes)
         rim = self._master_rim_edges @ [n, 1]
-        for i, j in ((0, 1), (1, 2), (2, 0)):
-            ends = np.sort(corners[:, [i, j]], axis=1)
-            on_rim |= (weights[:, 3 - i - j] == 0) & np.isin(ends @ [n, 1], rim)
+        for opposite_corner, edge in enumerate(_EDGE_ENDS):
+            ends = np.sort(corners[:, edge], axis=1)
+            on_rim |= (weights[:, opposite_corner] == 0) & np.isin(ends @ [n, 1], rim)
         at_corner = (weights == 1) & np.isin(corners, self._master_rim_edges)
         return on_rim | at_corner.any(axis=1)
 
@@ -532,7 +532,7 @@ def _find_closest_points_on_triangles(points: Array, corners: Array) -> Array:
     inner = np.linalg.solve(metric, right[:, :, None])[:, :, 0]
     weights = np.column_stack([1 - inner.sum(axis=1), inner])
     distance = np.where((weights >= 0).all(axis=1), -1.0, np.inf)
-    for i, j in ((0, 1), (1, 2), (2, 0)):  # closest points on the edges
+    for i, j in _EDGE_ENDS:  # closest points on the edges
         start, edge = corners[:, i], corners[:, j] - corners[:, i]
         t = np.sum((points - start) * edge, axis=1) / np.sum(edge**2, axis=1)
         t = np.clip(t, 0.0, 1.0)
