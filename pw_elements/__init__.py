@@ -85,6 +85,7 @@ from pw_elements.spaces import (
     assemble_scalar,
     assemble_vector,
     cell_measure,
+    history_space,
     split,
     test_space,
 )
@@ -113,6 +114,7 @@ __all__ = [
     "draw",
     "force_transfer",
     "forces_along",
+    "history_space",
     "lumped_mass",
     "nodal_flux",
     "prescribe",

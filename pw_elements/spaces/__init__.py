@@ -11,6 +11,7 @@ from pw_elements.spaces.assembly import (
     cell_measure,
     collect_stress_states,
     compile_form,
+    history_space,
     read_record,
 )
 from pw_elements.spaces.elements import piecewise_linear_sub_cell_element, quadratic_element

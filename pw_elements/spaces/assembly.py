@@ -45,6 +45,7 @@ from pw_elements.spaces.elements import (
     tetrahedron_twelve_cell_quadrature,
     tetrahedron_vertex_quadrature,
 )
+from pw_elements.spaces.spaces import Spaces
 
 # Key under which the metadata of a body's integrals store the state of stress
 STRESS_STATE_METADATA_KEY = "stress_state"
@@ -248,6 +249,48 @@ def cell_measure(space: fem.FunctionSpace, degree: int) -> ufl.Measure:
     if _find_piecewise_linear_tetrahedra(space.ufl_element()):
         metadata |= _custom_quadrature_metadata(*tetrahedron_twelve_cell_quadrature(degree))
     return ufl.Measure("dx", domain=space.mesh, metadata=metadata)
+
+
+@check_same_arguments_on_all_processes
+def history_space(
+    spaces: Spaces, shape: tuple[int, ...] = (), quadrature_degree: int = 4
+) -> tuple[fem.FunctionSpace, ufl.Measure]:
+    """Create a space of functions at quadrature points, and the cell measure with these points.
+
+    The points are those of the rule that suits the weight functions: points in each sub-cell where
+    the weights are linear on sub-cells. Plastic strains and other history variables belong there,
+    because forms and updates then evaluate the material law at the same points.
+
+        S, dx = history_space(spaces, (3, 3))
+        plastic_strain = fem.Function(S)
+        residual = ufl.inner(stress(strain(u) - plastic_strain), strain(v)) * dx
+
+    Spaces of the same `spaces` and degree have equal points, so that one of the measures serves
+    all of them. A form with functions of these spaces needs this measure.
+
+    Args:
+        spaces: spaces of the displacements, which may be hybrid.
+        shape: shape of the values: () for a number, (3, 3) for a tensor.
+        quadrature_degree: degree up to which polynomials are integrated exactly on each sub-cell.
+    """
+    arguments.check_type("spaces", spaces, Spaces, "create them by Spaces.petrov_galerkin(mesh)")
+    arguments.check_integer("quadrature_degree", quadrature_degree, 0)
+    if not (isinstance(shape, tuple) and all(isinstance(n, int) and n > 0 for n in shape)):
+        raise ValueError(f"shape is {shape!r}: give a tuple of positive integers, such as (3, 3)")
+    element = spaces.displacements.test.ufl_element()
+    if _find_piecewise_linear_tetrahedra(element):
+        points, weights = tetrahedron_twelve_cell_quadrature(quadrature_degree)
+    else:
+        points, weights = basix.make_quadrature(
+            element.cell_type, quadrature_degree, polyset_type=element.polyset_type
+        )
+    points_element = basix.ufl.quadrature_element(
+        element.cell_type.name, value_shape=shape, points=points, weights=weights
+    )
+    dx = ufl.Measure(
+        "dx", domain=spaces.mesh, metadata=_custom_quadrature_metadata(points, weights)
+    )
+    return fem.functionspace(spaces.mesh, points_element), dx
 
 
 def add_sub_cell_quadrature_rules(form: ufl.Form) -> ufl.Form:

@@ -6,12 +6,11 @@ from pw_elements.contact.iteration.finite import (
     SlidingBodiesEquilibrium,
 )
 from pw_elements.contact.iteration.increment import (
-    RELATIVE_DISPLACEMENT_ROUND_OFF,
     IncrementEquations,
-    LinearEquilibrium,
     LinearIncrementEquations,
     NewtonIterate,
 )
+from pw_elements.contact.iteration.line_search import LineSearchIncrementEquations
 from pw_elements.contact.iteration.newton import solve_increment
 from pw_elements.contact.iteration.results import (
     make_contact_state,

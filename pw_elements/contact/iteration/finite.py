@@ -6,8 +6,9 @@ residual's entries at the contact points. The linear equilibrium of the next ite
 
     K a = f + H r,    K = F'(u_k),    f = K u_k - F(u_k)
 
-with the current iterate u_k. Newton's step is halved until no cell is inverted. For two bodies that
-slide on each other, `MortarKinematics` evaluates H(u), and K includes the derivative of -H(u) r.
+with the current iterate u_k. Newton's step is halved until no cell is inverted, and `line_search`
+may shorten it further. For two bodies that slide on each other, `MortarKinematics` evaluates H(u),
+and K includes the derivative of -H(u) r.
 
 The module guarantees that no iterate has an inverted cell. It assumes a residual whose tangent is
 assembled with the same sparsity pattern at each iterate.
@@ -27,14 +28,13 @@ from pw_elements._compat import cell_geometry_nodes
 from pw_elements.algebra import Reduction, ResidualSystem, reduce_load_and_update_offset
 from pw_elements.arrays import Array
 from pw_elements.contact.interface import RELATIVE_COORDINATE_ROUND_OFF
-from pw_elements.contact.iteration.increment import LinearEquilibrium
 from pw_elements.contact.model import SolutionNotFound
 from pw_elements.contact.nodes import (
     MAX_CONTACT_VIOLATION_PER_NODAL_FORCE,
     MortarKinematics,
     TorqueMap,
 )
-from pw_elements.contact.system import ContactSystem
+from pw_elements.contact.system import ContactSystem, LinearEquilibrium
 from pw_elements.spaces import SubSpace, is_hybrid
 
 # Estimated largest absolute row sum of the tangent K, divided by the largest diagonal entry of K
@@ -123,6 +123,8 @@ class LargeStrainEquilibrium:
     requires_accurate_last_linear_solve = False
     tangent: PETSc.Mat
     _linear: LinearEquilibrium
+    # unknowns (n,), and whether they satisfied the supports
+    _linearisation_point: tuple[PETSc.Vec, bool]
 
     def __init__(
         self,
@@ -159,22 +161,32 @@ class LargeStrainEquilibrium:
         self._satisfies_supports = bool(distance <= RELATIVE_COORDINATE_ROUND_OFF * guard.extent)
         self._evaluate_residual_at_iterate()
 
-    def move_towards_and_return_step_length(self, reduced_unknowns: PETSc.Vec) -> float:
-        """Move the iterate towards the linear solution; return the accepted step length.
+    @property
+    def satisfies_supports(self) -> bool:
+        """Whether the iterate has the prescribed displacements of the end of the increment."""
+        return self._satisfies_supports
 
-        The full step has length 1. The step is halved until no cell is inverted.
+    def move_towards_and_return_step_length(
+        self, reduced_unknowns: PETSc.Vec, max_step_length: float = 1.0
+    ) -> float:
+        """Move from the last linearisation point towards a linear solution; return the step length.
+
+        The step is halved until no cell is inverted.
 
         Args:
-            reduced_unknowns: solution (n_r,) of the linear equations, reduced by the supports.
+            reduced_unknowns: linear solution (n_r,), reduced by the supports. A step of length 1
+                leads to it.
+            max_step_length: largest length of the step.
 
         Raises:
             SolutionNotFound: if even the shortest step inverts cells.
         """
+        start, satisfied_supports = self._linearisation_point
         step = self._linear.all_unknowns(reduced_unknowns)
-        step.axpy(-1.0, self._u)
-        step_length = 1.0
+        step.axpy(-1.0, start)
+        step_length = max_step_length
         for _ in range(_MAX_NEWTON_STEP_HALVINGS):
-            u = self._u.copy()
+            u = start.copy()
             u.axpy(step_length, step)
             self._body.set_unknowns(u)
             if self._guard.compute_min_volume_ratio() > 0:
@@ -183,9 +195,33 @@ class LargeStrainEquilibrium:
         else:
             midpoints = self._guard.find_midpoints_of_inverted_cells()
             raise SolutionNotFound.with_positions("cells at {} would be inverted", midpoints)
-        self._u, self._satisfies_supports = u, step_length == 1
+        self._u, self._satisfies_supports = u, satisfied_supports or step_length == 1
         self._evaluate_residual_at_iterate()
         return step_length
+
+    def linearise_load_at_iterate(self) -> PETSc.Vec:
+        """Return the load K u - F(u) (n_r,) at the iterate, with the tangent K of the last one.
+
+        With this load, the linear system gives the correction of a simplified Newton iteration.
+        """
+        load = self.tangent.createVecLeft()
+        self.tangent.mult(self._u, load)
+        load.axpy(-1.0, self._forces)
+        return reduce_load_and_update_offset(self._reduction, self.tangent, load)[1]
+
+    def norm_of_displacement_change(
+        self, reduced_unknowns: PETSc.Vec, from_linearisation_point: bool = False
+    ) -> float:
+        """Return the norm of the displacements from an iterate to a linear solution; collective.
+
+        Args:
+            reduced_unknowns: linear solution (n_r,), reduced by the supports.
+            from_linearisation_point: whether the change is measured from the last linearisation
+                point instead of the present iterate.
+        """
+        change = self._linear.all_unknowns(reduced_unknowns)
+        change.axpy(-1.0, self._linearisation_point[0] if from_linearisation_point else self._u)
+        return float(self._field.extract(change).norm())
 
     def residual_without_contact(self, reduced_unknowns: PETSc.Vec) -> PETSc.Vec:  # noqa: ARG002
         return self._residual
@@ -238,10 +274,8 @@ class LargeStrainEquilibrium:
         self._body.assemble_tangent()
         K = self._set_contact_system_tangent(K, torque_map)
         self.tangent, self._volume_round_off = K, self._estimate_round_off_of_pressure_equations(K)
-        load = K.createVecLeft()
-        K.mult(self._u, load)
-        load.axpy(-1.0, self._forces)
-        _, reduced = reduce_load_and_update_offset(reduction, K, load)
+        self._linearisation_point = self._u, self._satisfies_supports
+        reduced = self.linearise_load_at_iterate()
         self._linear = LinearEquilibrium(
             self._system.stiffness, reduced, reduction.right, reduction.offset
         )

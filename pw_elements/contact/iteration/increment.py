@@ -10,14 +10,12 @@ system keeps its factors.
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
 
-from pw_elements.algebra import reduce_load_and_update_offset
 from pw_elements.arrays import Array
 from pw_elements.contact.interface import RELATIVE_COORDINATE_ROUND_OFF, ContactInterface
 from pw_elements.contact.iteration.support_friction import FrictionAtSupportedNodes
@@ -28,154 +26,27 @@ from pw_elements.contact.nodes import (
     ContactKinematics,
     ContactNodes,
     IncrementStart,
+    LinearisedContactLaw,
     LinearisedKinematics,
     TorqueMap,
     describe_status_counts,
     eliminate_known_motions,
 )
-from pw_elements.contact.system import ContactSystem, LinearSolveAccuracy
+from pw_elements.contact.system import (
+    RELATIVE_DISPLACEMENT_ROUND_OFF,
+    ContactSystem,
+    ContactSystemSolution,
+    Equilibrium,
+    LinearEquilibrium,
+    LinearSolveAccuracy,
+)
 from pw_elements.solvers import SingularSystem
 
-# Round-off in the product of stiffness K and displacements a, relative to |K| |a|
-RELATIVE_DISPLACEMENT_ROUND_OFF = 1e-13
 # Relative change of the friction coefficient by which a singular tangent becomes regular; and
 # largest relative difference, between the solutions with slightly less and slightly more friction,
 # at which the solution counts as a continuous function of friction
 _RELATIVE_FRICTION_PERTURBATION_IF_SINGULAR = 1e-6
 _MAX_RELATIVE_CHANGE_BY_FRICTION_PERTURBATION = 1e-3
-
-
-class Equilibrium(Protocol):
-    """Equilibrium of a body with its contact forces r, linearised as K a = f + H r.
-
-    Here K is the tangent, a are the displacements and f is the load. H is the force operator, which
-    distributes the contact forces to the equations of equilibrium.
-
-    Attributes:
-        prescribed_displacements: prescribed displacements (n,) at the end of the increment, zero
-            elsewhere.
-        requires_accurate_last_linear_solve: whether the last linear system has to be solved to the
-            final accuracy. This is not necessary if forces are evaluated from the displacements.
-    """
-
-    @property
-    def prescribed_displacements(self) -> PETSc.Vec: ...
-
-    @property
-    def requires_accurate_last_linear_solve(self) -> bool: ...
-
-    def linearise_and_return_load(self, torque_map: TorqueMap) -> PETSc.Vec:
-        """Linearise at the current iterate and return the load (n_r,), reduced by the supports.
-
-        A new tangent is passed to the contact system together with the torque map.
-        """
-
-    def move_towards_and_return_step_length(self, reduced_unknowns: PETSc.Vec) -> float:
-        """Move the iterate towards a linear solution; return the accepted step length, at most 1.
-
-        `reduced_unknowns` is the linear solution (n_r,), reduced by the supports.
-        """
-
-    def residual_without_contact(self, reduced_unknowns: PETSc.Vec) -> PETSc.Vec:
-        """Return the reduced residual (n_r,), which has to be balanced by contact forces alone.
-
-        `reduced_unknowns` are the displacements (n_r,), reduced by the supports.
-        """
-
-    def all_unknowns(self, reduced_unknowns: PETSc.Vec) -> PETSc.Vec:
-        """Return all unknowns (n,) for the unknowns (n_r,) that the supports leave free."""
-
-    def max_imbalance_to_tolerance_ratio(
-        self,
-        unbalanced_magnitudes: Array,
-        tolerance_from_contact_forces: float,
-        unknowns: PETSc.Vec,
-    ) -> float:
-        """Return the largest ratio of an unbalanced force to its tolerance on this process.
-
-        Args:
-            unbalanced_magnitudes: magnitudes (n_r,) of the unbalanced forces in the equations
-                of this process.
-            tolerance_from_contact_forces: part of the tolerance that is derived from the contact
-                forces; it is a force.
-            unknowns: all unknowns (n,).
-        """
-
-
-@dataclass(frozen=True)
-class LinearEquilibrium:
-    """Equilibrium of a body at small strains, reduced by its supports.
-
-    Args:
-        stiffness: reduced stiffness (n_r, n_r), the constant tangent.
-        load: reduced load (n_r,).
-        right: matrix (n, n_r) that expands reduced displacements to all unknowns.
-        prescribed_displacements: prescribed displacements (n,), which are added to the expanded
-            displacements.
-        max_row_sum: largest absolute row sum of the full stiffness.
-    """
-
-    stiffness: PETSc.Mat
-    load: PETSc.Vec
-    right: PETSc.Mat
-    prescribed_displacements: PETSc.Vec
-    max_row_sum: float = 0.0
-
-    requires_accurate_last_linear_solve = True
-
-    @classmethod
-    def from_stiffness(
-        cls,
-        system: ContactSystem,
-        K: PETSc.Mat,
-        load: PETSc.Vec,
-        prescribed_displacement_factor: float = 1.0,
-    ) -> "LinearEquilibrium":
-        """Return the equilibrium under a load, reduced by the supports.
-
-        Args:
-            system: contact system, which contains the reduction by the supports.
-            K: stiffness (n, n).
-            load: load vector (n,).
-            prescribed_displacement_factor: factor of the prescribed displacements.
-        """
-        reduction = system.reduction
-        if prescribed_displacement_factor != 1:
-            reduction = replace(reduction, offset=prescribed_displacement_factor * reduction.offset)
-        reduction, reduced_load = reduce_load_and_update_offset(reduction, K, load)
-        max_row_sum = K.norm(PETSc.NormType.INFINITY)
-        return cls(system.stiffness, reduced_load, reduction.right, reduction.offset, max_row_sum)
-
-    def linearise_and_return_load(self, torque_map: TorqueMap) -> PETSc.Vec:  # noqa: ARG002
-        return self.load
-
-    def move_towards_and_return_step_length(self, reduced_unknowns: PETSc.Vec) -> float:  # noqa: ARG002
-        return 1.0
-
-    def max_imbalance_to_tolerance_ratio(
-        self,
-        unbalanced_magnitudes: Array,
-        tolerance_from_contact_forces: float,
-        unknowns: PETSc.Vec,
-    ) -> float:
-        load, displacement = (v.norm(PETSc.NormType.INFINITY) for v in (self.load, unknowns))
-        round_off = RELATIVE_DISPLACEMENT_ROUND_OFF * self.max_row_sum * displacement
-        allowed = (
-            tolerance_from_contact_forces + MAX_CONTACT_VIOLATION_PER_NODAL_FORCE * load + round_off
-        )
-        max_unbalanced = float(unbalanced_magnitudes.max(initial=0.0))
-        return max_unbalanced / allowed if max_unbalanced else 0.0
-
-    def residual_without_contact(self, reduced_unknowns: PETSc.Vec) -> PETSc.Vec:
-        residual = self.load.duplicate()
-        self.stiffness.mult(reduced_unknowns, residual)
-        residual.axpy(-1.0, self.load)
-        return residual
-
-    def all_unknowns(self, reduced_unknowns: PETSc.Vec) -> PETSc.Vec:
-        unknowns = self.prescribed_displacements.duplicate()
-        self.right.multAdd(reduced_unknowns, self.prescribed_displacements, unknowns)
-        return unknowns
 
 
 @dataclass(frozen=True)
@@ -221,6 +92,31 @@ class NewtonIterate:
     is_exact: bool
     is_final: bool
     step_length: float = 1.0
+
+
+@dataclass(frozen=True)
+class LinearisedIncrement:
+    """Linear system of Newton's method for an active set, without the load.
+
+    Args:
+        active: active set.
+        kinematics: kinematics at the point of linearisation.
+        law: linearised law, without the known motions.
+        totals: prescribed forces and torques (free,) of the free motions, less support friction.
+        torque_map: map from motions of the surfaces to velocities of the contact nodes.
+        springs: stiffness (free,) that support friction adds to the free motions.
+        known_q: known parts (m, k) of the motions of each point's surface.
+        known_v: known parts (m, p) of the motions of the points.
+    """
+
+    active: ActiveSet
+    kinematics: LinearisedKinematics
+    law: LinearisedContactLaw
+    totals: Array
+    torque_map: TorqueMap
+    springs: Array
+    known_q: Array
+    known_v: Array
 
 
 class IncrementEquations:
@@ -284,11 +180,11 @@ class IncrementEquations:
             SingularSystem: if the tangent is singular.
             NotConverged: if an iterative solver fails.
         """
-        system, equilibrium = self.system, self.equilibrium
-        load = equilibrium.linearise_and_return_load(kinematics.torque_map)
+        system = self.system
+        load = self.equilibrium.linearise_and_return_load(kinematics.torque_map)
         is_free = np.isnan(self.prescribed_motions)
         known_q = np.where(is_free, 0.0, self.prescribed_motions)[self.interface.pair]
-        known_v = system.evaluate_point_motions(equilibrium.prescribed_displacements)
+        known_v = system.evaluate_point_motions(self.equilibrium.prescribed_displacements)
         law = kinematics.linearise_law(active, system.law_scale)
         law = eliminate_known_motions(law, known_q, known_v)
         torque_map = kinematics.torque_map.eliminate_known_motions(
@@ -300,6 +196,9 @@ class IncrementEquations:
             totals, springs = self.support_friction.subtract_friction_and_get_stiffness(
                 totals, active, kinematics
             )
+        linear_system = LinearisedIncrement(
+            active, kinematics, law, totals, torque_map, springs, known_q, known_v
+        )
         solution = system.solve(
             load,
             law,
@@ -308,19 +207,43 @@ class IncrementEquations:
             accuracy=accuracy,
             friction_springs=springs,
         )
+        return self.choose_next_iterate(linear_system, solution)
+
+    def choose_next_iterate(
+        self, linear_system: LinearisedIncrement, solution: ContactSystemSolution
+    ) -> NewtonIterate:
+        """Move to the solution of a linear system, or as far towards it as the body allows."""
+        return self.move_and_evaluate(linear_system, solution)
+
+    def move_and_evaluate(
+        self,
+        linear_system: LinearisedIncrement,
+        solution: ContactSystemSolution,
+        max_step_length: float = 1.0,
+    ) -> NewtonIterate:
+        """Move towards the solution of a linear system; return the new iterate with its residuals.
+
+        Args:
+            linear_system: the linear system.
+            solution: its solution, to which a step of length 1 leads.
+            max_step_length: largest length of the step.
+        """
+        equilibrium, kinematics = self.equilibrium, linear_system.kinematics
         q = self.prescribed_motions.copy()
-        q[is_free] = solution.free_motions
-        step_length = equilibrium.move_towards_and_return_step_length(solution.reduced_unknowns)
+        q[np.isnan(q)] = solution.free_motions
+        step_length = equilibrium.move_towards_and_return_step_length(
+            solution.reduced_unknowns, max_step_length
+        )
         if step_length < 1:
             q = kinematics.q0 + step_length * (q - kinematics.q0)
-            system.set_initial_iterate(
+            self.system.set_initial_iterate(
                 lambda: equilibrium.all_unknowns(solution.reduced_unknowns), q
             )
         state = self.evaluate_all_conditions(
             solution.reduced_unknowns,
             q,
             kinematics,
-            previous_support_friction=active.support_friction,
+            previous_support_friction=linear_system.active.support_friction,
             is_exact=solution.is_exact,
             is_final=solution.is_final or not equilibrium.requires_accurate_last_linear_solve,
         )

@@ -14,6 +14,11 @@ from pw_elements.contact.model.errors import (
     describe_exhausted_friction,
 )
 from pw_elements.contact.model.friction import Coulomb, Friction, FrictionCone
+from pw_elements.contact.model.history import (
+    HistoryVariables,
+    check_and_list_history_functions,
+    make_update_from_expressions,
+)
 from pw_elements.contact.model.pairs import ContactPair, DeformableSurface, MatchingNodes, Motion
 from pw_elements.contact.model.state import (
     EMPTY_SOLVER_REPORT,

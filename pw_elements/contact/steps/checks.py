@@ -385,27 +385,6 @@ def check_motions(
             )
 
 
-def check_and_list_history_functions(
-    history: Sequence[fem.Function], update: Callable[[], None] | None, comm: MPI.Comm
-) -> list[fem.Function]:
-    """Return the functions of a residual's history; raise an error if they are invalid.
-
-    Args:
-        history: functions in the residual that belong to the state.
-        update: user's function that sets the history functions; None if there is none.
-        comm: communicator of the mesh.
-    """
-    check_function_or_none("update", update, "it has to be a function")
-    with raise_errors_on_all_processes(comm) as same:
-        same["the history"] = [
-            getattr(function, "function_space", None) for function in arguments.as_list(history)
-        ]
-        functions = as_list_of_type(history, fem.Function, "a function of the history")
-        if not all(np.isfinite(function.x.array).all() for function in functions):
-            raise ValueError("a function of the history has values that are not finite")
-    return functions
-
-
 def check_and_list_successive_states(
     states: Sequence[ContactState], undeformed: ContactState
 ) -> list[ContactState]:

@@ -41,6 +41,7 @@ from pw_elements.contact.iteration import (
     IncrementEquations,
     LargeStrainActiveSetUpdate,
     LargeStrainEquilibrium,
+    LineSearchIncrementEquations,
     NewtonIterate,
     SlidingBodiesEquilibrium,
     TargetLoadsAndMotions,
@@ -542,7 +543,9 @@ class LargeStrainStepping:
             kinematics = LargeStrainKinematics(
                 interface, self._surfaces, start, NoDeformablePairs()
             )
-        increment = IncrementEquations(
+        has_memory = bool(self.history or self._history_update)
+        equations = LineSearchIncrementEquations if has_memory else IncrementEquations
+        increment = equations(
             system,
             equilibrium,
             kinematics,

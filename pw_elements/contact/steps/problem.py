@@ -4,7 +4,7 @@ The module guarantees that the arguments of each increment are checked once, tha
 changed, and that an error on one process is raised on all processes.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import partial
@@ -26,7 +26,10 @@ from pw_elements.contact.model import (
     ContactPair,
     ContactState,
     DeformableSurface,
+    HistoryVariables,
     Motion,
+    check_and_list_history_functions,
+    make_update_from_expressions,
 )
 from pw_elements.contact.output import (
     ProblemFingerprint,
@@ -41,7 +44,6 @@ from pw_elements.contact.rescue import LoadFractionSetter
 from pw_elements.contact.steps.checks import (
     FrictionOfPair,
     RemedyNamesOrCostRatios,
-    check_and_list_history_functions,
     check_and_list_motions,
     check_and_list_parameters_with_rates,
     check_and_list_successive_states,
@@ -159,7 +161,7 @@ class ContactProblem:
         solver: SolverOrAuto = None,
         max_iterations: int = 25,
         callback: ProgressCallback | None = None,
-        history: Sequence[fem.Function] = (),
+        history: HistoryVariables = (),
         update: Callable[[], None] | None = None,
     ) -> "ContactProblem":
         """Return a contact problem with large strains and large sliding, for any residual.
@@ -193,10 +195,14 @@ class ContactProblem:
             max_iterations: largest number of linear systems solved in one attempt.
             callback: function that is called after each iteration and each increment, as in
                 `ContactProblem`.
-            history: functions in the residual that belong to the state, such as plastic strains.
-                Each step starts from the values in its initial state. Saved files contain them.
+            history: functions in the residual that belong to the state, such as plastic strains,
+                or a mapping from these functions to UFL expressions of their new values:
+                `{plastic_strain: new_plastic_strain}`. Spaces for them are created by
+                `history_space`. Each step starts from the values in its initial state. After each
+                solved substep all expressions are evaluated before any function changes. Saved
+                files contain the values.
             update: function that sets the history functions after each solved substep, when `u` is
-                the solution.
+                the solution. It replaces the expressions, for laws that UFL cannot express.
 
         Raises:
             TypeError, ValueError: for arguments that do not define a contact problem.
@@ -559,12 +565,14 @@ class _ResidualProblem(ContactProblem):
         solver: SolverOrAuto,
         max_iterations: int,
         callback: ProgressCallback | None,
-        history: Sequence[fem.Function],
+        history: HistoryVariables,
         update: Callable[[], None] | None,
     ) -> None:
         problem = PetrovGalerkinProblem(residual, u, conditions)
         space = u.function_space
         functions = check_and_list_history_functions(history, update, space.mesh.comm)
+        if isinstance(history, Mapping):
+            update = make_update_from_expressions(history)
         reduction = Reduction.dirichlet(space, conditions)
         chosen_solver = choose_solver(Direct() if solver is None else solver, reduction.supports)
         problem.system.blocked = has_separate_supports(chosen_solver)

@@ -394,6 +394,30 @@ class ContactSystem:
             friction_springs: stiffness (free,) that support friction adds to the free motions.
         """
         self.n_solves += 1
+        return self.solve_with_last_matrix(
+            load,
+            law,
+            free_motion_loads,
+            torque_map=torque_map,
+            accuracy=accuracy,
+            friction_springs=friction_springs,
+        )
+
+    def solve_with_last_matrix(
+        self,
+        load: PETSc.Vec,
+        law: LinearisedContactLaw,
+        free_motion_loads: Array,
+        *,
+        torque_map: TorqueMap,
+        accuracy: LinearSolveAccuracy,
+        friction_springs: Array | float,
+    ) -> ContactSystemSolution:
+        """Solve the last linear system again, for another load or right-hand side of the law.
+
+        The arguments are those of `solve`. The solution is not counted, because it needs no factors
+        of its own.
+        """
         if self.free_motions:
             self.tangent.set_free_motion_springs(
                 np.broadcast_to(friction_springs, len(self.free_motions))
