@@ -184,9 +184,9 @@ def test_docstrings_are_not_vague():
 PUBLIC_MODULES = ("pw_elements", "pw_elements.contact", "pw_elements.meshes")
 
 
-def test_the_library_has_at_most_63_public_names():
+def test_the_library_has_at_most_64_public_names():
     names = {name for module in PUBLIC_MODULES for name in import_module(module).__all__}
-    assert 30 < len(names) <= 63
+    assert 30 < len(names) <= 64
 
 
 def test_every_public_name_has_a_user():

@@ -6,7 +6,9 @@ from pw_elements.contact.iteration.finite import (
     SlidingBodiesEquilibrium,
 )
 from pw_elements.contact.iteration.increment import (
+    RELATIVE_DISPLACEMENT_ROUND_OFF,
     IncrementEquations,
+    LinearEquilibrium,
     LinearIncrementEquations,
     NewtonIterate,
 )

@@ -28,13 +28,14 @@ from pw_elements._compat import cell_geometry_nodes
 from pw_elements.algebra import Reduction, ResidualSystem, reduce_load_and_update_offset
 from pw_elements.arrays import Array
 from pw_elements.contact.interface import RELATIVE_COORDINATE_ROUND_OFF
+from pw_elements.contact.iteration.increment import LinearEquilibrium
 from pw_elements.contact.model import SolutionNotFound
 from pw_elements.contact.nodes import (
     MAX_CONTACT_VIOLATION_PER_NODAL_FORCE,
     MortarKinematics,
     TorqueMap,
 )
-from pw_elements.contact.system import ContactSystem, LinearEquilibrium
+from pw_elements.contact.system import ContactSystem
 from pw_elements.spaces import SubSpace, is_hybrid
 
 # Estimated largest absolute row sum of the tangent K, divided by the largest diagonal entry of K

@@ -37,7 +37,9 @@ from pw_elements.contact.interface import (
     build_interface_with_other_friction,
 )
 from pw_elements.contact.iteration import (
+    RELATIVE_DISPLACEMENT_ROUND_OFF,
     ActiveSetUpdate,
+    LinearEquilibrium,
     LinearIncrementEquations,
     NewtonIterate,
     TargetLoadsAndMotions,
@@ -88,9 +90,7 @@ from pw_elements.contact.steps.verification import (
 )
 from pw_elements.contact.system import (
     NO_COST,
-    RELATIVE_DISPLACEMENT_ROUND_OFF,
     ContactSystem,
-    LinearEquilibrium,
     LinearSolveAccuracy,
     SolveCountAndReport,
     measure_cost,

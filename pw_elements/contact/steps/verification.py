@@ -31,9 +31,9 @@ from pw_elements.contact.interface import (
     MortarMatrices,
     measure_gap_and_slip,
 )
+from pw_elements.contact.iteration import RELATIVE_DISPLACEMENT_ROUND_OFF
 from pw_elements.contact.model import ContactPair, ContactState, Residuals, SolutionNotFound
 from pw_elements.contact.nodes import MAX_CONTACT_VIOLATION_PER_NODAL_FORCE
-from pw_elements.contact.system import RELATIVE_DISPLACEMENT_ROUND_OFF
 
 # Shift of points, relative to the extent of the nodes, that reveals noise in a surface's function
 _NOISE_PROBE_SHIFT_PER_EXTENT = 1e-12

@@ -1,17 +1,11 @@
-"""Equilibrium of a body with its contact forces, and its linear form at small strains."""
+"""Interface of the equilibrium of a body with its contact forces."""
 
-from dataclasses import dataclass, replace
 from typing import Protocol
 
 from petsc4py import PETSc
 
-from pw_elements.algebra import reduce_load_and_update_offset
 from pw_elements.arrays import Array
-from pw_elements.contact.nodes import MAX_CONTACT_VIOLATION_PER_NODAL_FORCE, TorqueMap
-from pw_elements.contact.system.system import ContactSystem
-
-# Round-off in the product of stiffness K and displacements a, relative to |K| |a|
-RELATIVE_DISPLACEMENT_ROUND_OFF = 1e-13
+from pw_elements.contact.nodes import TorqueMap
 
 
 class Equilibrium(Protocol):
@@ -74,83 +68,3 @@ class Equilibrium(Protocol):
                 forces; it is a force.
             unknowns: all unknowns (n,).
         """
-
-
-@dataclass(frozen=True)
-class LinearEquilibrium:
-    """Equilibrium of a body at small strains, reduced by its supports.
-
-    Args:
-        stiffness: reduced stiffness (n_r, n_r), the constant tangent.
-        load: reduced load (n_r,).
-        right: matrix (n, n_r) that expands reduced displacements to all unknowns.
-        prescribed_displacements: prescribed displacements (n,), which are added to the expanded
-            displacements.
-        max_row_sum: largest absolute row sum of the full stiffness.
-    """
-
-    stiffness: PETSc.Mat
-    load: PETSc.Vec
-    right: PETSc.Mat
-    prescribed_displacements: PETSc.Vec
-    max_row_sum: float = 0.0
-
-    requires_accurate_last_linear_solve = True
-
-    @classmethod
-    def from_stiffness(
-        cls,
-        system: ContactSystem,
-        K: PETSc.Mat,
-        load: PETSc.Vec,
-        prescribed_displacement_factor: float = 1.0,
-    ) -> "LinearEquilibrium":
-        """Return the equilibrium under a load, reduced by the supports.
-
-        Args:
-            system: contact system, which contains the reduction by the supports.
-            K: stiffness (n, n).
-            load: load vector (n,).
-            prescribed_displacement_factor: factor of the prescribed displacements.
-        """
-        reduction = system.reduction
-        if prescribed_displacement_factor != 1:
-            reduction = replace(reduction, offset=prescribed_displacement_factor * reduction.offset)
-        reduction, reduced_load = reduce_load_and_update_offset(reduction, K, load)
-        max_row_sum = K.norm(PETSc.NormType.INFINITY)
-        return cls(system.stiffness, reduced_load, reduction.right, reduction.offset, max_row_sum)
-
-    def linearise_and_return_load(self, torque_map: TorqueMap) -> PETSc.Vec:  # noqa: ARG002
-        return self.load
-
-    def move_towards_and_return_step_length(
-        self,
-        reduced_unknowns: PETSc.Vec,  # noqa: ARG002
-        max_step_length: float = 1.0,  # noqa: ARG002
-    ) -> float:
-        return 1.0
-
-    def max_imbalance_to_tolerance_ratio(
-        self,
-        unbalanced_magnitudes: Array,
-        tolerance_from_contact_forces: float,
-        unknowns: PETSc.Vec,
-    ) -> float:
-        load, displacement = (v.norm(PETSc.NormType.INFINITY) for v in (self.load, unknowns))
-        round_off = RELATIVE_DISPLACEMENT_ROUND_OFF * self.max_row_sum * displacement
-        allowed = (
-            tolerance_from_contact_forces + MAX_CONTACT_VIOLATION_PER_NODAL_FORCE * load + round_off
-        )
-        max_unbalanced = float(unbalanced_magnitudes.max(initial=0.0))
-        return max_unbalanced / allowed if max_unbalanced else 0.0
-
-    def residual_without_contact(self, reduced_unknowns: PETSc.Vec) -> PETSc.Vec:
-        residual = self.load.duplicate()
-        self.stiffness.mult(reduced_unknowns, residual)
-        residual.axpy(-1.0, self.load)
-        return residual
-
-    def all_unknowns(self, reduced_unknowns: PETSc.Vec) -> PETSc.Vec:
-        unknowns = self.prescribed_displacements.duplicate()
-        self.right.multAdd(reduced_unknowns, self.prescribed_displacements, unknowns)
-        return unknowns
