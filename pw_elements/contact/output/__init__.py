@@ -11,5 +11,6 @@ from pw_elements.contact.output.identity import (
 )
 from pw_elements.contact.output.pictures import plot
 from pw_elements.contact.output.progress import Progress, ProgressCallback, ProgressReporter
+from pw_elements.contact.output.sides import make_own_and_opposite_surface
 from pw_elements.contact.output.storage import check_and_convert_path, read_state, write_state
 from pw_elements.contact.output.time_series import write

@@ -108,6 +108,11 @@ class OppositeSurface:
     weight_area: Array
     surface: SurfaceNodes | None
 
+    @property
+    def facing_area_of_pair(self) -> Array:
+        """Areas (m,) of the pair's nodes that face the surface; zero if no body is given."""
+        return self.weight_area * self.pair_fraction
+
     def results(self, pair: PairState, weight_area: Array | None = None) -> ContactSideResults:
         """Return the results at the nodes of the surface.
 

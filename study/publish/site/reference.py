@@ -17,6 +17,7 @@ NAME_GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
             "as_function",
             "split",
             "cell_measure",
+            "history_space",
         ),
     ),
     "Elastic bodies and loads": (
