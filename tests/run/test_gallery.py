@@ -25,6 +25,7 @@ COARSE_MESH_SETTINGS = {
     "buckling": "cells = 1",
     "driven_wheel": "cells = 4",
     "gears": "size = 0.5",
+    "heated_joint": "cells, side = 6, 20.0",
     "identify": "cells, nu = 4, 0.45",
     "poisson": "cells = 8",
     "press_fit": "size = 3.0",
@@ -233,6 +234,27 @@ def test_press_fit_pressure_equals_lames_between_holes(run_example):
     names = run_example("press_fit")
     assert names["pressure"].max() == pytest.approx(names["lame"], rel=0.1)
     assert names["pressure"].min() < 0.3 * names["lame"]
+
+
+def test_heated_joint_is_in_equilibrium_and_loses_no_heat(run_example):
+    """The pressures carry the load, and the steel takes the heat that the aluminium gives.
+
+    The cold contact is uniform. The flow of heat is between those of a perfect joint and of one
+    that conducts through its air alone.
+    """
+    names = run_example("heated_joint")
+    side, load = names["side"], names["load"]
+    assert names["pressures"][0] == pytest.approx(load, rel=1e-9)
+    assert np.ptp(names["pressures"][-1]) > load / 4
+    assert names["contact"].force_normal.sum() == pytest.approx(load * side, rel=1e-9)
+    a, joint = names["a"], names["joint"]
+    flow_through_joint = joint * a
+    given = flow_through_joint.array[flow_through_joint.array > 0].sum()
+    assert flow_through_joint.sum() == pytest.approx(0.0, abs=1e-9 * given)
+    resistances = side / 0.2 + side / 0.05
+    bounds = [side * (names["hot"] - names["cold"]) / (resistances + r) for r in (1 / 2.6e-3, 0)]
+    assert bounds[0] < given < bounds[1]
+    assert f"{len(names['pressures'])} turns" in names["printed"]
 
 
 def test_bar_impact_has_expected_force_and_keeps_energy(run_example):

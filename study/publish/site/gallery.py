@@ -36,6 +36,7 @@ GALLERY_ORDER = (
     "snap_fit",
     "seal",
     "buckling",
+    "heated_joint",
     "seepage",
     "poisson",
 )
