@@ -100,6 +100,7 @@ NAME_GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
             "steps.Energies",
         ),
     ),
+    "Contact: heat": ("pw_elements.conduction", ("interface_conduction", "friction_heat")),
     "Contact: what can go wrong": (
         "pw_elements.contact",
         (
