@@ -215,19 +215,81 @@ def test_a_rigid_motion_of_both_bodies_is_no_slip(seed):
     assert np.abs(slip).max() < 1e-13
 
 
-@pytest.mark.parametrize("rotation", [[0.9, 0.0, 0.0], [0.7, -1.6, 0.0], [0.0, 2.9, 0.0]])
-def test_nodes_that_faced_nothing_at_the_start_do_not_slip_in_a_rigid_rotation(rotation):
-    """Nodes that faced nothing do not slip if flat sides rotate about an axis in their plane."""
-    mortar = make_mortar_of_flat_sides((3, 2), (0.83, 0.31), gap=0.02)
-    end = mortar.x @ Rotation.from_rotvec(rotation).as_matrix().T + [3.0, -2.0, 1.0]
-    start = mortar.make_slip_reference(mortar.x)
-    unfaced_start = replace(
-        start,
-        distance_rows=0.0 * start.distance_rows,
-        is_facing_master=np.zeros_like(start.is_facing_master),
+def make_unfaced(reference):
+    """Return a reference of slip in which no node faces the master."""
+    return replace(
+        reference,
+        distance_rows=0.0 * reference.distance_rows,
+        is_facing_master=np.zeros_like(reference.is_facing_master),
     )
-    slip, _ = mortar.linearise(end).measure_slip_and_motion_derivatives(unfaced_start, end)
-    assert np.abs(slip).max() < 1e-13
+
+
+def rotate_about(x, rotation_vector, centre=(0.0, 0.0, 0.0)):
+    """Return positions (n, 3) after a rotation about a centre."""
+    return Rotation.from_rotvec(rotation_vector).apply(x - np.array(centre)) + centre
+
+
+@pytest.mark.parametrize(
+    "rotation", [[0.9, 0.0, 0.0], [0.7, -1.6, 0.0], [0.0, 0.0, 0.3], [1.1, -1.2, 2.0]]
+)
+def test_nodes_that_faced_nothing_at_the_start_do_not_slip_in_a_rigid_motion(rotation):
+    """This holds for any distance from the master at the start, on flat and on curved sides."""
+    for mortar in (
+        make_mortar_of_flat_sides((3, 2), (0.83, 0.31), gap=0.02),
+        make_mortar_of_curved_sides(),
+    ):
+        for shift in ([0.0, 0.0, 0.0], [0.4, -0.3, 0.1]):
+            x = mortar.x + slave_mask(mortar) * shift
+            end = rotate_about(x, rotation) + [3.0, -2.0, 1.0]
+            start, projected = make_unfaced(mortar.make_slip_reference(x)), mortar.linearise(end)
+            assert projected.faces_master.sum() > 10
+            slip, _ = projected.measure_slip_and_motion_derivatives(start, end)
+            assert np.abs(slip).max() < 1e-13
+
+
+@pytest.mark.parametrize("common_rotation", [[0.0, 0.0, 0.3], [0.8, -1.1, 1.7]])
+def test_slip_of_nodes_that_faced_nothing_turns_with_both_bodies(common_rotation):
+    """A rotation of both bodies turns slips and does not change them; other nodes do the same.
+
+    The slave comes from beside the master, and both sides are deformed.
+    """
+    mortar, start_x, x = make_disturbed_start_and_end_positions(0)
+    reference = mortar.make_slip_reference(start_x)
+    turned_x = rotate_about(x, common_rotation)
+    slips = []
+    for end in (x, turned_x):
+        projected = mortar.linearise(end)
+        assert (projected.faces_master & ~reference.is_facing_master).sum() > 5
+        slip, _ = projected.measure_slip_and_motion_derivatives(reference, end)
+        slips.append(np.einsum("mt,mtx->mx", slip, projected.directions.tangents))
+    assert np.abs(slips[0]).max() > 0.5
+    assert np.abs(rotate_about(slips[0], common_rotation) - slips[1]).max() < 1e-13
+
+
+@pytest.mark.parametrize(
+    ("slave_twist", "master_twist"), [(0.3, 0.3), (0.4, 0.0), (0.0, 0.4), (-0.5, 0.7)]
+)
+def test_slip_does_not_depend_on_whether_nodes_faced_the_master_at_the_start(
+    slave_twist, master_twist
+):
+    """Rigid flat sides in contact slide on each other, and each is twisted about the normal."""
+    mortar = make_mortar_of_flat_sides((3, 2), (0.1, -0.1), half_widths=(0.4, 1.0))
+    tilt = Rotation.from_rotvec([0.5, -0.3, 0.1])
+    twisted = np.where(
+        slave_mask(mortar),
+        rotate_about(mortar.x, [0.0, 0.0, slave_twist], (0.3, 0.2, 0.0)) + [0.2, 0.1, 0.0],
+        rotate_about(mortar.x, [0.0, 0.0, master_twist], (-0.1, 0.4, 0.0)),
+    )
+    end, start = tilt.apply(twisted), mortar.make_slip_reference(mortar.x)
+    projected = mortar.linearise(end)
+    assert start.is_facing_master.all()
+    assert projected.faces_master.all()
+    slip, unfaced_slip = (
+        projected.measure_slip_and_motion_derivatives(reference, end)[0]
+        for reference in (start, make_unfaced(start))
+    )
+    assert np.abs(unfaced_slip - slip).max() < 1e-13
+    assert np.linalg.norm(slip, axis=1).max() > (0.1 if slave_twist != master_twist else 0.01)
 
 
 def test_linear_fields_are_transferred_exactly_and_fractions_add_up_to_one():

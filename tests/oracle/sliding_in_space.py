@@ -11,9 +11,11 @@ With w the linear functions of the triangles, the integrals W and Q of their pro
 the forces P^T r on the master, the mean distances S x and the gaps g are those of `sliding`, of
 which this module is the counterpart in space. The slip of a node that faced the master at the
 increment's start, where S was S_0, is the tangential part of (S_0 - S) x. The slip of other nodes
-is that of S x - R d, with d the tangential part of S x_0 at the start, and R the rotation by the
-angle between the normals n_0 and n about their common perpendicular. With the normal force r_n, the
-tangential force r_t and the friction coefficient mu, the law is
+is that of S x - Z R d, with d the tangential part of S x_0 at the start, and R the rotation by the
+angle between the normals n_0 and n about their common perpendicular. Z rotates about n by the angle
+by which the master's surface has turned more than R. It is the angle that best fits the deformation
+gradients of the master's triangles, averaged first around its nodes and then like positions by S.
+With the normal force r_n, the tangential force r_t and the friction coefficient mu, the law is
 
     r_n >= 0,  g >= 0,  r_n g = 0;      |r_t| <= mu r_n,  |v| r_t + mu r_n v = 0.
 """
@@ -183,6 +185,37 @@ def rotate_between_directions(start, end, vector):
     )  # Rodrigues' formula
 
 
+def nodal_surface_gradients(x_0, x, triangles):
+    """Return the mean gradients (n, 3, 3) of the triangles around each node, weighted with areas.
+
+    They turn vectors in the plane of a triangle at positions x_0 into those at positions x.
+    """
+    total, area = np.zeros((len(x), 3, 3)), np.zeros(len(x))
+    for nodes in triangles:
+        a = area_vector(x_0[nodes])
+        size = np.sqrt(a @ a)
+        frame, frame_0 = (
+            np.column_stack([y[nodes[1]] - y[nodes[0]], y[nodes[2]] - y[nodes[0]], normal])
+            for y, normal in ((x, np.zeros(3)), (x_0, a))
+        )
+        for node in nodes:
+            total[node] += size * frame @ np.linalg.inv(frame_0)
+            area[node] += size
+    return total / np.where(area > 0, area, 1.0)[:, None, None]
+
+
+def rotate_about_normal_with_surface(F, n_0, n, vector):
+    """Return a vector perpendicular to n after the rotation Z of a gradient F (see the module)."""
+    start_tangent = unit(np.cross(n_0, np.eye(3)[np.argmin(np.abs(n_0))]))
+    cosine, sine = 0.0, 0.0
+    for t_0 in (start_tangent, np.cross(n_0, start_tangent)):
+        t = rotate_between_directions(n_0, n, t_0)
+        cosine += t @ F @ t_0
+        sine += n @ np.cross(t, F @ t_0)
+    angle = np.arctan2(sine, cosine)
+    return np.cos(angle) * vector + np.sin(angle) * np.cross(n, vector)
+
+
 @dataclass(frozen=True)
 class SlidingContactInSpace:
     """Two bodies, the triangles and facets of both sides, the mask of supports, and friction.
@@ -222,6 +255,7 @@ class SlidingContactInSpace:
         x_0, x = ((self.bodies.nodes + v)[sides] for v in (start_u, u))
         _, S_0, n_0, area_0 = mortar_matrices_normals_and_areas(x_0, *triangles, m)
         P, S, n, area = mortar_matrices_normals_and_areas(x, *triangles, m)
+        gradients = nodal_surface_gradients(x_0, x, triangles[1][0])
         forces = self.bodies.nodal_forces(u)
         r = forces[slave]
         forces[master] += P.T @ r
@@ -233,7 +267,9 @@ class SlidingContactInSpace:
                 v = S_0[j] @ x - distance
             else:
                 d = S[j] @ x_0
-                v = distance - rotate_between_directions(n_0[j], n[j], d - (n_0[j] @ d) * n_0[j])
+                d = rotate_between_directions(n_0[j], n[j], d - (n_0[j] @ d) * n_0[j])
+                F = -np.einsum("k,kab->ab", S[j], gradients)
+                v = distance - rotate_about_normal_with_surface(F, n_0[j], n[j], d)
             v = (v - (n[j] @ v) * n[j]) / length
             r_n, g = n[j] @ r[j] / force, n[j] @ distance / length
             r_t, slip = r[j] / force - r_n * n[j], np.sqrt(v @ v)

@@ -65,6 +65,7 @@ class MortarMatrices:
         master_fractions: (m, n - m), fractions of the force at each node of the slave that the
             nodes of the master receive.
         fraction_error: (m,), estimated round-off of `master_fractions`.
+        master_facets: (e, d), corners of the master's facets.
     """
 
     normals: Array
@@ -72,6 +73,7 @@ class MortarMatrices:
     distance_rows: sp.csr_array
     master_fractions: sp.csr_array
     fraction_error: Array
+    master_facets: Indices
 
     @property
     def faces_master(self) -> Mask:
@@ -101,24 +103,55 @@ def measure_gap_and_slip(
     # for nodes that faced the master at the start: the slip between the points that were opposite
     # each other at the start
     paired = start.distance_rows @ x_end - distance
-    entered = distance - _rotate_between_normals(
-        start.normals, end.normals, end.distance_rows @ x_start
-    )
-    slip = np.where(start.faces_master[:, None], paired, entered)
-    slip -= np.sum(slip * end.normals, axis=1)[:, None] * end.normals
+    slip = np.where(start.faces_master[:, None], paired, distance)
+    entered = np.flatnonzero(end.faces_master & ~start.faces_master)
+    if len(entered):
+        rotation = _rotate_with_master_surface(start, end, x_start, x_end, entered)
+        start_distance = end.distance_rows[entered] @ x_start
+        start_distance -= _along(start.normals[entered], start_distance)
+        slip[entered] -= np.einsum("mxy,my->mx", rotation, start_distance)
+    slip -= _along(end.normals, slip)
     return end.measure_gaps(x_end), slip * end.faces_master[:, None]
 
 
-def _rotate_between_normals(start: Array, end: Array, vectors: Array) -> Array:
-    """Return the tangential parts of vectors (m, d), rotated as `start` normals into `end` ones.
+def _rotate_with_master_surface(
+    start: MortarMatrices, end: MortarMatrices, x_start: Array, x_end: Array, nodes: Indices
+) -> Array:
+    """Return the rotations (q, d, d) from start to end at the given nodes (q,) of the slave.
 
-    The rotation is the product of the reflections at the planes perpendicular to the start normal
-    and to the sum of both normals.
+    A rotation turns the normal at the start into that at the end. Among all such rotations it is
+    the closest to the mean surface deformation gradient of the master over the part that the node
+    faces at the end.
     """
-    vectors = vectors - np.sum(start * vectors, axis=1)[:, None] * start
-    middle = start + end
-    square = np.maximum(np.sum(middle**2, axis=1), np.finfo(float).tiny)
-    return vectors - (2 * np.sum(middle * vectors, axis=1) / square)[:, None] * middle
+    facets, n, dim = end.master_facets, len(x_start), x_start.shape[1]
+    start_edges, edges = (
+        np.swapaxes(x[facets[:, 1:]] - x[facets[:, :1]], 1, 2) for x in (x_start, x_end)
+    )
+    gradient = edges @ np.linalg.pinv(start_edges)  # (e, d, d)
+    area = np.sqrt(np.linalg.det(np.swapaxes(start_edges, 1, 2) @ start_edges))
+    total, weight = np.zeros((n, dim, dim)), np.zeros(n)
+    for corner in facets.T:
+        np.add.at(total, corner, area[:, None, None] * gradient)
+        np.add.at(weight, corner, area)
+    nodal = total.reshape(n, -1) / np.where(weight > 0, weight, 1.0)[:, None]
+    mean = -(end.distance_rows[nodes] @ nodal).reshape(-1, dim, dim)
+    n_start, n_end = (matrices.normals[nodes] for matrices in (start, end))
+    outer, start_outer, end_outer = (
+        a[:, :, None] * b[:, None]
+        for a, b in ((n_end, n_start), (n_start, n_start), (n_end, n_end))
+    )
+    identity = np.eye(dim)
+    tangential = (identity - end_outer) @ mean @ (identity - start_outer)
+    # the large part along the normals makes the closest rotation turn one normal into the other
+    size = 1 + np.linalg.norm(tangential, axis=(1, 2))
+    left, _, right = np.linalg.svd(tangential + size[:, None, None] * outer)
+    left[:, :, -1] *= np.sign(np.linalg.det(left @ right))[:, None]
+    return np.asarray(left @ right)
+
+
+def _along(normals: Array, vectors: Array) -> Array:
+    """Return the parts of vectors (m, d) along unit normals (m, d)."""
+    return np.sum(normals * vectors, axis=1, keepdims=True) * normals
 
 
 def evaluate_mortar_matrices(sides: MortarSides, x: Array) -> MortarMatrices:
@@ -156,6 +189,7 @@ def evaluate_mortar_matrices(sides: MortarSides, x: Array) -> MortarMatrices:
         np.concatenate([slave_nodes, master_nodes], axis=1),
         np.concatenate([slave_products, -mixed_products], axis=2),
         len(x),
+        sides.master_facets,
     )
 
 
@@ -170,6 +204,7 @@ def assemble_mortar_matrices(
     distance_nodes: Indices,
     distance_products: Array,
     n_nodes: int,
+    master_facets: Indices,
 ) -> MortarMatrices:
     """Assemble the mortar matrices from the integrals over q facing parts.
 
@@ -188,6 +223,7 @@ def assemble_mortar_matrices(
         distance_products: (q, k, a), integrals of a weight function of the slave times the factor
             of each of these nodes in the distance of the slave from the master.
         n_nodes: number n of nodes of both sides.
+        master_facets: (e, k), corners of all facets of the master.
     """
     m, k = len(normals), slave_nodes.shape[1]
     areas, facet_products = np.zeros(m), np.zeros((n_slave_facets, k, k))
@@ -210,7 +246,9 @@ def assemble_mortar_matrices(
     master_fractions = _sum_blocks_into_matrix(
         fractions, slave_nodes, master_nodes - m, (m, n_nodes - m)
     )
-    return MortarMatrices(normals, areas, distance_rows, master_fractions, fraction_error)
+    return MortarMatrices(
+        normals, areas, distance_rows, master_fractions, fraction_error, master_facets
+    )
 
 
 def _sum_blocks_into_matrix(

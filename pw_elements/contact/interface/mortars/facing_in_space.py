@@ -98,6 +98,7 @@ def evaluate_mortar_matrices_in_space(sides: TriangulatedSides, x: Array) -> Mor
         np.concatenate([sides.slave_facets[slave // 4], sides.master_facets[master // 4]], axis=1),
         np.einsum("qg,qgi,qga->qia", weights, slave_functions, distance_functions),
         len(x),
+        sides.master_triangles,
     )
 
 

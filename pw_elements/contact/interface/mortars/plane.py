@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
+import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array, AutoDiffArray, Indices, Mask, stack_values_and_derivatives
@@ -102,6 +103,9 @@ class PlaneSlidingMortar(SlidingMortar):
         return np.stack(
             self._normalise_allowed_components((-chord[:, 1], chord[:, 0]), slice(None)), axis=1
         )
+
+    def _average_master_surface_derivatives(self, x: Array) -> list[sp.csr_array]:  # noqa: ARG002
+        return []
 
     def _compute_outward_normals_of_master_facets(self, x: Array, corners: Indices) -> Array:
         edge = x[corners[:, 1]] - x[corners[:, 0]]

@@ -15,7 +15,12 @@ positions x of all nodes. With the normal n and the tangents t,
 the gap of a slave node is n·S x. Its slip since the start of the increment, where S was S_0, is
 t·(S_0 - S) x. A node that did not face the master at the start has no S_0. Its slip is
 t·(S x - R d_0), where d_0 is the tangential part of S x_0 with the positions x_0 and the normal n_0
-at the start, and R is the smallest rotation that turns n_0 into n.
+at the start. R is a rotation that turns n_0 into n. In the plane there is only one. In space, it
+rotates about the normal as the master's surface does in the mean over the part that the node faces:
+with the mean surface deformation gradient F of this part, and the tangential part U of F for
+directions perpendicular to n_0, R is the rotation that is closest to U. With n_0 x t_0 = s_0,
+
+    R t_0 = r / |r|,   r = U t_0 - n x U s_0,   R s_0 = n x R t_0.
 
 Plane and space differ in the facets, which are segments or triangles, in the integrals over their
 facing parts and in the normals. These are in `plane` and `space`; all else is here. The dimension
@@ -121,12 +126,18 @@ class MortarSlipReference:
         is_facing_master: (m,), mask of the slave's nodes that faced the master.
         x: (n, d), positions of the nodes of both sides.
         normals: (m, d), unit normals at the slave's nodes.
+        tangents: (m, d - 1, d), orthonormal tangents at the slave's nodes.
+        master_surface_derivatives: for each axis, the matrix (n, n) that turns nodal values into
+            mean derivatives along this axis, tangential to the master's surface, around the
+            master's nodes; empty in the plane.
     """
 
     distance_rows: sp.csr_array
     is_facing_master: Mask
     x: Array
     normals: Array
+    tangents: Array
+    master_surface_derivatives: list[sp.csr_array]
 
 
 @dataclass(frozen=True)
@@ -213,42 +224,75 @@ class LinearisedMortar:
         ]
         if entering.any():
             start_slip, start_rates = self._rotate_start_distance_of_entering_nodes(
-                reference, entering
+                reference, x, entering
             )
             slip -= start_slip
             slip_rates = [a - b for a, b in zip(slip_rates, start_rates, strict=True)]
         return slip, [gap_rate, *slip_rates, *normal_rates]
 
     def _rotate_start_distance_of_entering_nodes(
-        self, reference: MortarSlipReference, entering: Mask
+        self, reference: MortarSlipReference, x: Array, entering: Mask
     ) -> tuple[Array, list[sp.csr_array]]:
-        """Return the tangential distances at the start, rotated with the normal, and derivatives.
+        """Return the rotated tangential distances at the start, and derivatives.
 
         The distances (m, d - 1) are t·R d_0 (see the module's docstring). They are zero except at
         the `entering` nodes (m,), which face the master but did not at the start.
         """
-        n, n0, t = self.normals, reference.normals, self.directions.tangents
-        d0 = self.distance_rows @ reference.x
-        d0 = np.where(entering[:, None], d0 - np.sum(n0 * d0, axis=1)[:, None] * n0, 0.0)
-        divisor = np.maximum(1 + np.sum(n * n0, axis=1), _MIN_ROTATION_DIVISOR)
-        along_normal = np.sum(n * d0, axis=1) / divisor
-        by_tangent, t_n0 = (np.einsum("mtx,mx->mt", t, vector) for vector in (d0, n0))
-        ratio = t_n0 / divisor[:, None]
-        # t·R d_0 and the vectors R^T t, tangential to n_0, which multiply a change of d_0
-        distance = by_tangent - t_n0 * along_normal[:, None]
-        rotated = t - ratio[:, :, None] * n[:, None]
-        rotated -= np.einsum("mtx,mx->mt", rotated, n0)[:, :, None] * n0[:, None]
-        rotated *= entering[:, None, None]
+        t, start_distance = self.directions.tangents, self.distance_rows @ reference.x
+        components = np.einsum("mtx,mx->mt", reference.tangents, start_distance)
+        components *= entering[:, None]
+        rotated_tangents, spin_rate = self._rotate_start_tangents(reference, x)
+        distance = np.einsum("mtx,msx,ms->mt", t, rotated_tangents, components)
+        # R^T t, which multiply a change of d_0
+        rotated_back = np.einsum("mtx,msx,msy->mty", t, rotated_tangents, reference.tangents)
+        rotated_back *= entering[:, None, None]
         change = self.differentiate_mean_differences(reference.x)
-        rates = []
-        for i in range(t.shape[1]):
-            rate = _components_along(rotated[:, i]) @ change
-            for j, normal_rate in enumerate(self.directions.rates):
-                factor = -ratio[:, i] * (by_tangent[:, j] - along_normal * t_n0[:, j])
-                factor -= along_normal * (i == j)
-                rate += sp.diags_array(factor) @ normal_rate
-            rates.append(rate)
+        rates = [_components_along(tangent) @ change for tangent in np.swapaxes(rotated_back, 0, 1)]
+        if spin_rate is not None:
+            # a rotation about the normal n changes v = R d_0 by n x v
+            by_spin = np.stack([-distance[:, 1], distance[:, 0]], axis=1)
+            rates = [
+                rate + sp.diags_array(factor) @ spin_rate
+                for rate, factor in zip(rates, by_spin.T, strict=True)
+            ]
         return distance, rates
+
+    def _rotate_start_tangents(
+        self, reference: MortarSlipReference, x: Array
+    ) -> tuple[Array, sp.csr_array | None]:
+        """Return the rotated tangents (m, d - 1, d) of the start, and derivatives of their angles.
+
+        The angles in space are those about the normal. Their derivative has the shape (m, d n). In
+        the plane, the tangents are those at the positions x, and there is no such angle.
+        """
+        n, t = self.normals, self.directions.tangents
+        if not reference.master_surface_derivatives:
+            return t, None
+        start_t, start_s = np.swapaxes(reference.tangents, 0, 1)
+        master_gradient = [matrix @ x for matrix in reference.master_surface_derivatives]
+        # F for each axis; S takes the master's values away from those of the slave, which are zero
+        F = np.stack([-(self.distance_rows @ values) for values in master_gradient], axis=2)
+        F_t, F_s = (np.einsum("mxy,my->mx", F, start) for start in (start_t, start_s))
+        first = tangential_part(F_t, n) - np.cross(n, F_s)
+        length = np.maximum(np.linalg.norm(first, axis=1, keepdims=True), np.finfo(float).tiny)
+        first = first / length
+        second = np.cross(n, first)
+        # changes of F turn the tangents by (s·dF t_0 - t·dF s_0) / length with t = R t_0, s = R s_0
+        spin_rate = sp.csr_array((len(n), x.size))
+        for axis, (matrix, values) in enumerate(
+            zip(reference.master_surface_derivatives, master_gradient, strict=True)
+        ):
+            factor = (start_t[:, axis, None] * second - start_s[:, axis, None] * first) / length
+            spin_rate -= _components_along(factor) @ (
+                self.differentiate_mean_differences(values)
+                + sp.kron(self.distance_rows @ matrix, sp.eye_array(3))
+            )
+        # changes of the normal
+        along_normal = [np.sum(n * vector, axis=1, keepdims=True) for vector in (F_s, F_t)]
+        tilt = (along_normal[0] * first - along_normal[1] * second) / length
+        for tangent, rate in zip(np.swapaxes(t, 0, 1), self.directions.rates, strict=True):
+            spin_rate += sp.diags_array(np.sum(tilt * tangent, axis=1)) @ rate
+        return np.stack([first, second], axis=1), spin_rate
 
 
 def _components_along(direction: Array) -> sp.csr_array:
@@ -308,6 +352,15 @@ class SlidingMortar(ABC):
     @abstractmethod
     def _average_slave_normals(self, x: Array) -> Array:
         """Return the normals (m, d) at the slave's nodes for nodes at positions x (n, d)."""
+
+    @abstractmethod
+    def _average_master_surface_derivatives(self, x: Array) -> list[sp.csr_array]:
+        """Return matrices (n, n) of mean derivatives along each axis around the master's nodes.
+
+        They turn nodal values into the mean of the derivatives, tangential to the surface, on the
+        facets around each of the master's nodes, weighted with their areas, for nodes at positions
+        x (n, d). The list is empty in the plane.
+        """
 
     @abstractmethod
     def _find_closest_master_points(self, x: Array) -> tuple[Indices, Array]:
@@ -471,7 +524,14 @@ class SlidingMortar(ABC):
     def make_slip_reference(self, x: Array) -> MortarSlipReference:
         """Return the state from which slip is measured, for node positions x (n, d)."""
         mortar = self.linearise(x)
-        return MortarSlipReference(mortar.distance_rows, mortar.faces_master, x, mortar.normals)
+        return MortarSlipReference(
+            mortar.distance_rows,
+            mortar.faces_master,
+            x,
+            mortar.normals,
+            mortar.directions.tangents,
+            self._average_master_surface_derivatives(x),
+        )
 
     def integrate_slip_along_path(self, start_positions: Array, end_positions: Array) -> Array:
         """Return the slip (m, d) along the straight path from start to end positions (n, d).

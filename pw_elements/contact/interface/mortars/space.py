@@ -27,6 +27,7 @@ place thereby belong to the same direction, and their sum is that of the whole.
 """
 
 import numpy as np
+import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array, Indices, Mask
@@ -264,6 +265,21 @@ class SpaceSlidingMortar(SlidingMortar):
         cosine = np.sum(normal[slave] * master_normal[master], axis=1)
         facing = cosine < MAX_COSINE_OF_FACING_OUTWARD_NORMALS
         return slave[facing], master[facing]
+
+    def _average_master_surface_derivatives(self, x: Array) -> list[sp.csr_array]:
+        facets, n = self._master_facets, len(x)
+        corners = x[facets]
+        # derivative of the weight function of corner i, times twice the area: unit normal x edge
+        # opposite to i
+        opposite = corners[:, [2, 0, 1]] - corners[:, [1, 2, 0]]
+        products = np.cross(_measure_triangles(corners)[2][:, None], opposite)
+        double_area = np.linalg.norm(np.cross(opposite[:, 0], opposite[:, 1]), axis=1)
+        around = np.bincount(facets.ravel(), np.repeat(double_area, 3), minlength=n)
+        at_corner = products[:, None] / around[facets][:, :, None, None]
+        return [
+            sum_into_matrix(at_corner[..., axis], facets[:, :, None], facets[:, None], (n, n))
+            for axis in range(3)
+        ]
 
     def _find_closest_master_points(self, x: Array) -> tuple[Indices, Array]:
         points, corners = x[: self.n_slave_nodes], x[self._master_facets]
