@@ -5,7 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from dolfinx import fem
 from dolfinx.mesh import CellType
+from scipy.spatial.transform import Rotation
 
 from pw_elements import Iterative, prescribe
 from pw_elements.contact import (
@@ -139,6 +141,51 @@ def test_a_part_model_has_the_forces_of_the_whole_model(axes, path):
         assert np.abs(value - expected)[finite].max() < 1e-4 * max(
             np.abs(expected[finite]).max(), 1e-3
         )
+
+
+def slide_block_in_from_beside(rotation_vector):
+    """Return blocks, and the state after one increment in which nodes come in from beside.
+
+    Half of the upper block is beside the lower one at the start. It is moved over it and pressed
+    onto it, while base and top are rotated together.
+    """
+    boxes = ((-0.9, -0.7, -0.5), (0.9, 0.7, 0.0)), ((0.5, -0.4, 0.0), (1.3, 0.35, 0.5))
+    blocks = BlocksInSpace(boxes=boxes, divisions=((3, 2, 1), (2, 2, 1)), crown=0.0)
+    displacement, x = fem.Function(blocks.space), blocks.owned_positions
+    base, top = (np.isclose(x[:, 2], height) for height in (-0.5, 0.5))
+    blocks.conditions[:] = [
+        fem.dirichletbc(displacement, np.flatnonzero(mask).astype(np.int32)) for mask in (base, top)
+    ]
+
+    def rotate_base_and_top(load_factor):
+        moved = x + load_factor * np.where(top[:, None], [-0.45, 0.1, -0.05], 0.0)
+        rotated = Rotation.from_rotvec(load_factor * np.array(rotation_vector)).apply(moved)
+        displacement.x.array[:] = np.where((base | top)[:, None], rotated - x, 0.0).ravel()
+
+    return blocks, blocks.problem.step(blocks.problem.undeformed, rotate_base_and_top)
+
+
+@pytest.fixture(scope="module")
+def unrotated_pair():
+    blocks, state = slide_block_in_from_beside([0.0, 0.0, 0.0])
+    return blocks, state.pairs[0]
+
+
+@pytest.mark.parametrize("rotation_vector", [[0.0, 0.0, 0.3], [0.2, -0.3, 0.3]])
+def test_friction_of_entering_nodes_turns_with_both_bodies(unrotated_pair, rotation_vector):
+    """A rotation of both bodies in the increment turns all forces and slips with the bodies."""
+    blocks, pair = unrotated_pair
+    mortar = blocks.problem._large_strain_stepping.interface.mortars[0]
+    faced = mortar.linearise(mortar.x).faces_master
+    entered = ~faced[np.searchsorted(mortar.nodes[: mortar.n_slave_nodes], pair.node)]
+    largest = np.abs(pair.force_vector).max()
+    assert np.linalg.norm(pair.force_tangential[entered], axis=1).max() > 0.2 * largest
+    _, state = slide_block_in_from_beside(rotation_vector)
+    assert not state.substates
+    rotation = Rotation.from_rotvec(rotation_vector)
+    for name in ("force_vector", "opposite_force", "force_tangential", "slip"):
+        values, expected = getattr(state.pairs[0], name), rotation.apply(getattr(pair, name))
+        assert np.abs(values - expected).max() < 1e-10 * np.abs(expected).max()
 
 
 def test_fields_contain_pressures_and_forces_of_both_sides(tmp_path):

@@ -240,7 +240,7 @@ def test_nodes_that_faced_nothing_at_the_start_do_not_slip_in_a_rigid_motion(rot
     ):
         for shift in ([0.0, 0.0, 0.0], [0.4, -0.3, 0.1]):
             x = mortar.x + slave_mask(mortar) * shift
-            end = rotate_about(x, rotation) + [3.0, -2.0, 1.0]
+            end = rotate_about(x, rotation) + np.array([3.0, -2.0, 1.0])
             start, projected = make_unfaced(mortar.make_slip_reference(x)), mortar.linearise(end)
             assert projected.faces_master.sum() > 10
             slip, _ = projected.measure_slip_and_motion_derivatives(start, end)
@@ -277,7 +277,7 @@ def test_slip_does_not_depend_on_whether_nodes_faced_the_master_at_the_start(
     tilt = Rotation.from_rotvec([0.5, -0.3, 0.1])
     twisted = np.where(
         slave_mask(mortar),
-        rotate_about(mortar.x, [0.0, 0.0, slave_twist], (0.3, 0.2, 0.0)) + [0.2, 0.1, 0.0],
+        rotate_about(mortar.x + [0.2, 0.1, 0.0], [0.0, 0.0, slave_twist], (0.5, 0.3, 0.0)),
         rotate_about(mortar.x, [0.0, 0.0, master_twist], (-0.1, 0.4, 0.0)),
     )
     end, start = tilt.apply(twisted), mortar.make_slip_reference(mortar.x)
@@ -377,6 +377,28 @@ def test_slip_agrees_with_that_of_the_path_of_a_straight_slide():
     assert np.abs(path_slip - motion).max() < 1e-13
     # a common translation is no slip
     assert np.abs(mortar.integrate_slip_along_path(mortar.x, mortar.x + motion)).max() < 1e-13
+
+
+@pytest.mark.parametrize(("common_angle", "twist"), [(0.6, 0.0), (0.0, 0.6), (-0.5, 1.0)])
+def test_slip_agrees_with_that_of_the_path_if_bodies_turn_about_their_normal(common_angle, twist):
+    """On flat sides, slips differ by an eleventh of the square of the master's angle at most.
+
+    Both sides turn by a common angle, and the slave by a twist besides. Some of its nodes come from
+    beside the master. Nodes at the rim of a side do not count: the slip is that of a mean position.
+    """
+    mortar = make_mortar_of_flat_sides((3, 3), (0.9, 0.1), half_widths=(0.4, 1.0), gap=0.01)
+    twisted_x = rotate_about(mortar.x, [0.0, 0.0, twist], (0.9, 0.1, 0.0)) - [0.6, -0.1, 0.0]
+    end = rotate_about(np.where(slave_mask(mortar), twisted_x, mortar.x), [0.0, 0.0, common_angle])
+    reference, projected = mortar.make_slip_reference(mortar.x), mortar.linearise(end)
+    assert 0 < reference.is_facing_master.sum() < projected.faces_master.sum()
+    slip, _ = projected.measure_slip_and_motion_derivatives(reference, end)
+    slip = np.einsum("mt,mtx->mx", slip, projected.directions.tangents)
+    difference = slip - mortar.integrate_slip_along_path(mortar.x, end)
+    x = mortar.x[: len(slip), :2]
+    inner = (np.abs(x - [0.9, 0.1]).max(axis=1) < 0.39) & (np.abs(x[:, 0] - 1) > 0.8 / 6)
+    assert (inner & ~reference.is_facing_master).any()
+    length, error = (np.linalg.norm(values[inner], axis=1) for values in (slip, difference))
+    assert (error < (common_angle**2 / 11 + 1e-12) * length.max()).all()
 
 
 @pytest.mark.parametrize("shape", ["cylinder", "ball"])

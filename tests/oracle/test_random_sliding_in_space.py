@@ -11,7 +11,7 @@ from tests.oracle.random_sliding_in_space import draw_sketch, make_problem
 # fixed before any value was known; relative to the largest force or displacement
 RELATIVE_LAW_TOLERANCE = 1e-8
 MAX_UNDECIDED_FRACTION_OF_PROBLEMS = 0.05
-SEEDS, QUICK_SEEDS = range(40), (3, 4, 10)
+SEEDS, QUICK_SEEDS = range(40), (2, 3, 4, 10)
 FRICTION_OF_SEED_3 = 0.2960967400359487
 
 

@@ -226,6 +226,7 @@ class DualQuadraticMortar(PlaneSlidingMortar):
             mortar.distance_rows,
             mortar.master_fractions,
             np.zeros(self.n_slave_nodes),
+            self._master_facets,
         )
 
     def _facet_nodes_with_neighbours(self, facet: Indices) -> Indices:

@@ -24,7 +24,9 @@ from pw_elements.contact.interface.mortars.sliding import (
     MIN_FACING_FRACTION_OF_SLAVE_FACET,
     FacingParts,
     NormalsWithDerivatives,
+    PairOfArrays,
     SlidingMortar,
+    rotate_with_normal,
     sum_into_matrix,
 )
 
@@ -106,6 +108,15 @@ class PlaneSlidingMortar(SlidingMortar):
 
     def _average_master_surface_derivatives(self, x: Array) -> list[sp.csr_array]:  # noqa: ARG002
         return []
+
+    def _rotate_with_normals_and_master_facets(
+        self,
+        vectors: Array,
+        normals: PairOfArrays,
+        positions: PairOfArrays,  # noqa: ARG002
+        corners: Indices,  # noqa: ARG002
+    ) -> Array:
+        return rotate_with_normal(vectors, *normals)
 
     def _compute_outward_normals_of_master_facets(self, x: Array, corners: Indices) -> Array:
         edge = x[corners[:, 1]] - x[corners[:, 0]]

@@ -30,6 +30,7 @@ of space is d, and k = d is also the number of corners of a facet.
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
@@ -38,6 +39,7 @@ from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.contact.interface.mortars.boundary_facets import BoundaryFacets
 from pw_elements.contact.interface.mortars.facing import MortarMatrices
 
+PairOfArrays: TypeAlias = tuple[Array, Array]
 # Number of pieces of the straight path along which slip is integrated
 N_SLIP_PATH_PIECES = 8
 # A slave facet is ignored unless a larger fraction than this faces the master. At smaller fractions
@@ -273,7 +275,7 @@ class LinearisedMortar:
         # F for each axis; S takes the master's values away from those of the slave, which are zero
         F = np.stack([-(self.distance_rows @ values) for values in master_gradient], axis=2)
         F_t, F_s = (np.einsum("mxy,my->mx", F, start) for start in (start_t, start_s))
-        first = tangential_part(F_t, n) - np.cross(n, F_s)
+        first = add_image_of_perpendicular(n, F_t, F_s)
         length = np.maximum(np.linalg.norm(first, axis=1, keepdims=True), np.finfo(float).tiny)
         first = first / length
         second = np.cross(n, first)
@@ -369,6 +371,21 @@ class SlidingMortar(ABC):
         Returns:
             The corners (m, k) of the master's facet that contains the closest point, and their
             weights (m, k), by which the point is interpolated between them.
+        """
+
+    @abstractmethod
+    def _rotate_with_normals_and_master_facets(
+        self, vectors: Array, normals: PairOfArrays, positions: PairOfArrays, corners: Indices
+    ) -> Array:
+        """Return tangential vectors (m, d) after a rotation that turns normals into new ones.
+
+        In space, it is the rotation closest to the deformation gradients of facets of the master.
+
+        Args:
+            vectors: (m, d), vectors perpendicular to the normals at the start.
+            normals: unit normals (m, d) at the start and at the end.
+            positions: (n, d), of all nodes at the start and at the end.
+            corners: (m, k), corners of the facet of the master for each vector.
         """
 
     @abstractmethod
@@ -539,7 +556,8 @@ class SlidingMortar(ABC):
         The path is divided into `N_SLIP_PATH_PIECES` pieces. On each piece, the slip of a slave
         node j is measured relative to the material point p of the master that is closest to j at
         the end of the piece. It is the change of the tangential part of x_j - x_p from the start to
-        the end of the piece. Vectors rotate with the normal.
+        the end of the piece. Vectors rotate with the normal and, in space, about it with the facet
+        of the master that contains p.
         """
         previous_x, previous_normals = start_positions, self._average_slave_normals(start_positions)
         slip = np.zeros_like(previous_normals)
@@ -553,7 +571,9 @@ class SlidingMortar(ABC):
                 )
                 for x, normals in ((previous_x, previous_normals), (next_x, next_normals))
             )
-            slip = end + rotate_with_normal(slip - start, previous_normals, next_normals)
+            slip = end + self._rotate_with_normals_and_master_facets(
+                slip - start, (previous_normals, next_normals), (previous_x, next_x), corners
+            )
             previous_x, previous_normals = next_x, next_normals
         return slip
 
@@ -596,6 +616,22 @@ class SlidingMortar(ABC):
 def tangential_part(vectors: Array, normals: Array) -> Array:
     """Return the parts (m, d) of vectors perpendicular to unit normals (m, d)."""
     return vectors - np.sum(vectors * normals, axis=1, keepdims=True) * normals
+
+
+def add_image_of_perpendicular(normals: Array, image: Array, perpendicular_image: Array) -> Array:
+    """Return the tangential vectors U v - n x U (n_0 x v) for images under a gradient F.
+
+    U is the tangential part of F for directions perpendicular to n_0. The result has the direction
+    in which v is turned by the closest rotation to U among those that turn n_0 into n: in
+    orthonormal bases with one vector along the normals, the closest rotation to a matrix U (2, 2)
+    is U plus its matrix of cofactors, divided by a number.
+
+    Args:
+        normals: (m, d), unit normals n at the end.
+        image: (m, d), vectors F v, for vectors v perpendicular to the normals n_0 at the start.
+        perpendicular_image: (m, d), vectors F (n_0 x v).
+    """
+    return tangential_part(image, normals) - np.cross(normals, perpendicular_image)
 
 
 def rotate_with_normal(vectors: Array, normals: Array, next_normals: Array) -> Array:

@@ -42,7 +42,9 @@ from pw_elements.contact.interface.mortars.sliding import (
     MIN_FACING_FRACTION_OF_SLAVE_FACET,
     FacingParts,
     NormalsWithDerivatives,
+    PairOfArrays,
     SlidingMortar,
+    add_image_of_perpendicular,
     sum_into_matrix,
 )
 
@@ -294,6 +296,24 @@ class SpaceSlidingMortar(SlidingMortar):
         order = np.lexsort((np.linalg.norm(offset, axis=1), point))
         first = order[np.searchsorted(point[order], np.arange(len(points)))]
         return self._master_facets[triangle[first]], weights[first]
+
+    def _rotate_with_normals_and_master_facets(
+        self, vectors: Array, normals: PairOfArrays, positions: PairOfArrays, corners: Indices
+    ) -> Array:
+        start_edges, edges = (
+            np.swapaxes(x[corners[:, 1:]] - x[corners[:, :1]], 1, 2) for x in positions
+        )
+        F = edges @ np.linalg.pinv(start_edges)
+        start_normals, end_normals = normals
+        images = (
+            np.einsum("mxy,my->mx", F, start)
+            for start in (vectors, np.cross(start_normals, vectors))
+        )
+        rotated = add_image_of_perpendicular(end_normals, *images)
+        size, rotated_size = (
+            np.linalg.norm(values, axis=1, keepdims=True) for values in (vectors, rotated)
+        )
+        return np.asarray(rotated * size / np.where(rotated_size > 0, rotated_size, 1.0))
 
     def _compute_outward_normals_of_master_facets(self, x: Array, corners: Indices) -> Array:
         return _measure_triangles(x[corners])[2]
