@@ -277,7 +277,7 @@ def test_slip_does_not_depend_on_whether_nodes_faced_the_master_at_the_start(
     tilt = Rotation.from_rotvec([0.5, -0.3, 0.1])
     twisted = np.where(
         slave_mask(mortar),
-        rotate_about(mortar.x + [0.2, 0.1, 0.0], [0.0, 0.0, slave_twist], (0.5, 0.3, 0.0)),
+        rotate_about(np.add(mortar.x, [0.2, 0.1, 0.0]), [0.0, 0.0, slave_twist], (0.5, 0.3, 0.0)),
         rotate_about(mortar.x, [0.0, 0.0, master_twist], (-0.1, 0.4, 0.0)),
     )
     end, start = tilt.apply(twisted), mortar.make_slip_reference(mortar.x)
