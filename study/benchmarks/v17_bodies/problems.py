@@ -151,6 +151,7 @@ def solve_sliding_of_two_bodies(
     is_held_vertically: Callable[[Array], Mask] | None = None,
     friction: float = FRICTION,
     start_displacements: Array | None = None,
+    plane_strain: bool = False,
 ) -> SlidingHistory:
     """Solve a sequence of increments in which two deformable bodies slide on each other.
 
@@ -168,6 +169,7 @@ def solve_sliding_of_two_bodies(
         friction: Coefficient of friction.
         start_displacements: Rigid motion (n, dim) of both bodies, without contact, from which the
             first increment starts; None if it starts from the undeformed state.
+        plane_strain: Whether all displacements of bodies in space along the second axis are zero.
     """
     space, record = bodies.displacements.space, SlidingHistory()
     prescribed = fem.Function(space)
@@ -175,6 +177,8 @@ def solve_sliding_of_two_bodies(
     supports = [fem.dirichletbc(prescribed, nodes)]
     if is_held_vertically is not None:
         supports.append(prescribe(space, bodies.dim - 1, is_held_vertically))
+    if plane_strain:
+        supports.append(prescribe(space, 1, lambda x: np.ones(x.shape[1], dtype=bool)))
 
     def record_contact_law_violation(progress: object) -> None:
         if getattr(progress, "state", None) is None:

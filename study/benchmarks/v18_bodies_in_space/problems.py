@@ -294,11 +294,12 @@ def _measure_ripple(force: Array) -> float:
     return float(np.abs(force - trend).max() / abs(force.mean()))
 
 
-def flat(element: str) -> Result:
+def flat(element: str, plane_strain: bool) -> Result:
     """Slide a flat block on one whose upper side is kept flat, so that all nodes slip.
 
     Args:
         element: Name of the element.
+        plane_strain: Whether displacements across the direction of sliding are zero.
     """
     lower_lines, upper_lines = map(_divide_box, FLAT_BOXES, FLAT_CELLS)
     mesh, sides = mesh_two_blocks_of_tetrahedra(lower_lines, upper_lines, (0.0, 0.0), GAP)
@@ -312,7 +313,13 @@ def flat(element: str) -> Result:
 
     times = [1.0, *(1 + (k + 1) / N_FLAT_INCREMENTS for k in range(N_FLAT_INCREMENTS))]
     record = solve_sliding_of_two_bodies(
-        bodies, sides, set_displacements, (is_base, is_top), times, lambda x: np.isclose(x[2], 0)
+        bodies,
+        sides,
+        set_displacements,
+        (is_base, is_top),
+        times,
+        lambda x: np.isclose(x[2], 0),
+        plane_strain=plane_strain,
     )
     pairs = [_pair(state) for state in record.states[-3:]]
     shear_over_limit = [
@@ -324,10 +331,22 @@ def flat(element: str) -> Result:
         "friction_error": max(
             abs(np.hypot(*pair.force[:2]) / pair.force[2] / FRICTION - 1) for pair in pairs
         ),
+        "friction_sum_error": max(map(_measure_friction_sum_error, pairs)),
         "slipping": min(float(np.mean(pair.status == SLIP)) for pair in pairs),
         "balance_error": record.largest_force_imbalance(),
     }
     return _make_dimensionless_result(scalars, {}, len(bodies.solution.x.array))
+
+
+def _measure_friction_sum_error(pair: PairState) -> float:
+    """Return the difference of the friction force and Coulomb's nodal forces, over the former.
+
+    Coulomb's forces have the sizes of the normal forces times the coefficient of friction, and are
+    opposed to the slips.
+    """
+    direction = pair.slip / np.linalg.norm(pair.slip, axis=1)[:, None]
+    coulomb = -FRICTION * pair.force_normal @ direction
+    return float(np.linalg.norm(pair.force[:2] - coulomb[:2]) / np.linalg.norm(pair.force[:2]))
 
 
 # Hertz
