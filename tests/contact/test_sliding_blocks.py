@@ -213,6 +213,7 @@ def test_a_part_model_has_the_forces_of_the_whole_model(axes, path):
     differences, lost, on_planes = compare_part_and_whole_model(axes, results)
     assert lost.max() < 1e-4
     assert max(differences.values()) < lost.max()
+    assert max(differences[f"sum of {side}"] for side in ("force_vector", "opposite_force")) < 1e-7
     # other nodes lose nothing; their areas change with the positions
     assert np.abs(lost[~on_planes]).max() < 1e-2 * lost.max()
 
