@@ -5,6 +5,17 @@ The module `lines` reads text and numbers, `deck` collects tables of nodes, elem
 """
 
 from pw_elements.abaqus.lines import to_upper_ascii
-from pw_elements.abaqus.mesh import AbaqusMeshArrays, read_abaqus_mesh
+from pw_elements.abaqus.mesh import (
+    AbaqusMeshArrays,
+    abaqus_nodes_and_facets_in_dolfinx_order,
+    read_abaqus_mesh,
+)
+from pw_elements.abaqus.types import ABAQUS_EDGE_CORNERS
 
-__all__ = ["AbaqusMeshArrays", "read_abaqus_mesh", "to_upper_ascii"]
+__all__ = [
+    "ABAQUS_EDGE_CORNERS",
+    "AbaqusMeshArrays",
+    "abaqus_nodes_and_facets_in_dolfinx_order",
+    "read_abaqus_mesh",
+    "to_upper_ascii",
+]

@@ -98,7 +98,7 @@ def read_abaqus_mesh(path: Path, cell_sets: Sequence[str] | None = None) -> Abaq
     facet_tags, facet_set_tags = _assign_tags_to_set_combinations(
         named_sets.facets, len(facets.corners)
     )
-    node_order, facet_order = _abaqus_nodes_and_facets_in_dolfinx_order(
+    node_order, facet_order = abaqus_nodes_and_facets_in_dolfinx_order(
         cell_table.cell, cell_table.degree
     )
     tags = {
@@ -581,7 +581,7 @@ def _face_number_by_name(cell_type: str, is_shell: bool) -> dict[str, int]:
     return {f"E{k + 1}": k for k in range(count)} | {f"S{k + 3}": k for k in range(count)}
 
 
-def _abaqus_nodes_and_facets_in_dolfinx_order(
+def abaqus_nodes_and_facets_in_dolfinx_order(
     cell_type: str, degree: int
 ) -> tuple[list[int], list[int]]:
     """Return Abaqus' numbers of the nodes and of the facets of a cell, both in DOLFINx' order."""
