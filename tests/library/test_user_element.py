@@ -4,6 +4,8 @@ Nothing here runs in Abaqus. `HostProgram` plays its part.
 """
 
 import ctypes
+import os
+import re
 import shutil
 import subprocess
 import sys
@@ -115,7 +117,9 @@ class RandomCells:
     def matrices(self, form):
         """Return the element matrices (cells, dofs, dofs) of a form in Abaqus' order."""
         matrix = assemble_matrix(form)
-        rows = [matrix.getValues(dofs.astype(np.int32), dofs.astype(np.int32)) for dofs in self.dofs]
+        rows = [
+            matrix.getValues(dofs.astype(np.int32), dofs.astype(np.int32)) for dofs in self.dofs
+        ]
         return np.array([self.to_abaqus(self.to_abaqus(A).T).T for A in rows])
 
     def vectors(self, form):
@@ -250,10 +254,14 @@ def test_state_variables_are_stresses_of_the_library(compiled, kind, degree):
         points = np.vstack([corners / 2 + 1 / 6, [1 / 3, 1 / 3]])
     if kind[2] == "linear":
         S = body.stress(u)
-        out_of_plane = {
-            "plane strain": POISSONS_RATIO * (S[0, 0] + S[1, 1]),
-            "plane stress": ufl.zero(),
-        }.get(kind[1]) if cells.dim == 2 and kind[1] != "axisymmetric" else S[2, 2]
+        out_of_plane = (
+            {
+                "plane strain": POISSONS_RATIO * (S[0, 0] + S[1, 1]),
+                "plane stress": ufl.zero(),
+            }.get(kind[1])
+            if cells.dim == 2 and kind[1] != "axisymmetric"
+            else S[2, 2]
+        )
     else:
         F, P = neo_hookean_stress(body, u)
         S = P * F.T / ufl.det(F)
@@ -266,8 +274,273 @@ def test_state_variables_are_stresses_of_the_library(compiled, kind, degree):
     numbers = np.arange(len(cells.x), dtype=np.int32)
     expected = expression.eval(cells.mesh, numbers).reshape(len(cells.x), -1)
     n_state_variables = expected.shape[1]
-    answers = cells.call(
-        uel, is_large=kind[2] != "linear", n_state_variables=n_state_variables
-    )
+    answers = cells.call(uel, is_large=kind[2] != "linear", n_state_variables=n_state_variables)
     assert n_state_variables == (24 if cells.dim == 3 else 16)
     assert_equal_per_cell([answer.state for answer in answers], expected)
+
+
+def make_small_triangle(kind=KINDS[0]):
+    """Return coordinates (6, 2) of a straight triangle, and its properties."""
+    corners = np.array([[2.0, 0.0], [5.0, 0.5], [3.0, 4.0]])
+    middles = (corners + np.roll(corners, -1, axis=0)) / 2
+    properties = [YOUNGS_MODULUS, POISSONS_RATIO, DENSITY]
+    if kind[1].startswith("plane"):
+        properties.append(THICKNESS)
+    return np.vstack([corners, middles]), properties
+
+
+def test_perturbation_steps_and_riks_load_vector(compiled):
+    uel, _ = compiled(KINDS[0])
+    x, properties = make_small_triangle()
+    random = np.random.default_rng(1)
+    base, change = random.uniform(-1e-3, 1e-3, (2, 12))
+    general = call_user_element(uel, x, properties, base, loads=[(2, 7.0)])
+    K = general.matrix
+    load = general.force[0] + K @ base
+    assert np.allclose(general.energy, [0, base @ K @ base / 2, 0, 0, 0, 0, 0, 0], rtol=1e-12)
+    # magnitude 7 in the base state, 3 in the perturbation
+    options = {"is_perturbation": True, "loads": [(2, 7.0)], "load_changes": [3.0]}
+    state = np.arange(16.0)
+    perturbed = call_user_element(uel, x, properties, base, state=state, **options)
+    assert np.allclose(perturbed.matrix, K, rtol=1e-14)
+    assert np.allclose(perturbed.force[0], load * 3 / 7, rtol=1e-12)
+    assert np.array_equal(perturbed.state, state)
+    output = call_user_element(
+        uel, x, properties, base, change, request=PERTURBATION, state=state, **options
+    )
+    assert np.allclose(output.force[0], load * 3 / 7 - K @ change, rtol=1e-12)
+    by_itself = call_user_element(uel, x, properties, change, n_state_variables=16)
+    assert np.allclose(output.state, by_itself.state, rtol=1e-12)
+    riks = call_user_element(
+        uel, x, properties, base, n_columns=2, loads=[(2, 7.0)], load_changes=[0.5]
+    )
+    assert np.allclose(riks.force, [general.force[0], load * 0.5 / 7], rtol=1e-12)
+
+
+def test_coordinates_may_have_a_third_component(compiled):
+    uel, _ = compiled(KINDS[0])
+    x, properties = make_small_triangle()
+    plane = call_user_element(uel, x, properties)
+    in_space = call_user_element(uel, x, properties, coordinates_per_node=3)
+    assert np.array_equal(plane.matrix, in_space.matrix)
+
+
+def flatten(x):
+    return x * [1.0, 0.0]
+
+
+def fold(x):
+    return np.vstack([x[:3], [x[2]], x[4:]])
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"procedure": 11}, "only static steps"),
+        ({"request": 6}, "not supported"),
+        ({"loads": [(4, 1.0)]}, "distributed load"),
+        ({"loads": [(-1, 1.0)]}, "distributed load"),
+        ({"loads": [(31, 1.0)]}, "distributed load"),
+        ({"loads": [(43, 1.0)]}, "distributed load"),
+        ({"n_state_variables": 15}, "too few PROPERTIES or VARIABLES"),
+        ({"properties": [1.0, 0.5, 1.0, 1.0]}, "Poisson's ratio > -1 and < 0.5"),
+        ({"properties": [1.0, 0.3, 1.0, 0.0]}, "thickness > 0"),
+        ({"properties": [1.0, 0.3, 1.0]}, "too few PROPERTIES"),
+        ({"coordinates": flatten}, "flat, or folded"),
+        ({"coordinates": fold}, "flat, or folded"),
+        ({"coordinates": lambda x: x[:3]}, "wrong number of nodes"),
+    ],
+)
+def test_what_an_element_cannot_do_is_an_error(compiled, capfd, changes, message):
+    _, function = compiled(KINDS[0])
+    x, properties = make_small_triangle()
+    changes = changes.copy()
+    arguments = changes.pop("coordinates", lambda x: x)(x), changes.pop("properties", properties)
+    answer = call_user_element(function, *arguments, **changes)
+    assert answer.error == 1
+    assert message in capfd.readouterr().err
+    assert call_user_element(function, x, properties).error == 0
+
+
+def test_negative_radii_are_an_error(compiled, capfd):
+    _, function = compiled(KINDS[2])
+    x, properties = make_small_triangle(KINDS[2])
+    assert call_user_element(function, x, properties).error == 0
+    assert call_user_element(function, x - [2.5, 0.0], properties).error == 1
+    assert "radius" in capfd.readouterr().err
+
+
+def test_large_strains_need_nlgeom_and_ask_for_smaller_increments(compiled, capfd):
+    _, function = compiled(KINDS[4])
+    x, properties = make_small_triangle()
+    assert call_user_element(function, x, properties).error == 1
+    assert "NLGEOM" in capfd.readouterr().err
+    inside_out = (x * [-2.0, 0.0]).ravel()
+    answer = call_user_element(function, x, properties, inside_out, is_large=True)
+    assert answer.error == 0
+    assert answer.next_increment_ratio < 1
+    assert np.all(answer.force == 0)
+    stretched = (x * [0.2, 0.0]).ravel()
+    answer = call_user_element(function, x, properties, stretched, is_large=True)
+    assert answer.next_increment_ratio > 1
+    assert np.abs(answer.force).max() > 0
+
+
+def test_an_error_ends_the_program_that_calls_uel(compiled):
+    """UEL itself has no flag of errors, so that it ends the program."""
+    uel, _ = compiled(KINDS[0])
+    library = next(
+        line.split()[-1]
+        for line in Path("/proc/self/maps").read_text().splitlines()
+        if line.endswith("pw_t6_plane_strain.so")
+    )
+    assert ctypes.CDLL(library).uel_
+    program = (
+        "import ctypes, numpy as np\n"
+        "from tests.library.uel_host import call_user_element\n"
+        f"uel = ctypes.CDLL({library!r}).uel_\n"
+        "call_user_element(uel, np.zeros((6, 2)), [1.0, 0.3, 1.0, 1.0])\n"
+        "print('alive')\n"
+    )
+    process = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=Path(__file__).parents[2],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert process.returncode == 1
+    assert "alive" not in process.stdout
+    assert "element 7: it is flat" in process.stderr
+
+
+def run_command(*arguments):
+    return subprocess.run(
+        [sys.executable, "-m", "pw_elements.user_element", *map(str, arguments)],
+        cwd=Path(__file__).parents[2],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def test_the_command_writes_both_files_and_replaces_only_its_own(tmp_path):
+    options = ["--cell", "triangle", "--state", "plane-stress", "--out", tmp_path / "my element.c"]
+    for _ in range(2):  # the second time, the files are replaced
+        assert run_command(*options).returncode == 0
+        element = generate_user_element("triangle", StressState.PLANE_STRESS)
+        # the order of statements in FFCx's functions differs from process to process
+        written, generated = (
+            text.split("typedef void kernel")[0]
+            for text in ((tmp_path / "my element.c").read_text(), element.c_source)
+        )
+        assert written == generated
+        assert (tmp_path / "my element.f").read_text() == element.fortran_source
+        (tmp_path / "my element.c").write_text("NEVER RUN IN ABAQUS, and old")
+    (tmp_path / "my element.f").write_text("      SUBROUTINE UMAT\n")
+    refused = run_command(*options)
+    assert refused.returncode == 2
+    assert "my element.f" in refused.stderr
+    assert (tmp_path / "my element.f").read_text() == "      SUBROUTINE UMAT\n"
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--cell", "triangle", "--state", "solid", "--out", "x.c"], "tetrahedra need 'solid'"),
+        (["--cell", "tetrahedron", "--state", "axisymmetric", "--out", "x.c"], "triangles another"),
+        (["--cell", "triangle", "--state", "plane-strain", "--out", "x.f"], "end with .c"),
+        (
+            "--cell triangle --state axisymmetric --law neo-hookean --out x.c".split(),
+            "plane strain only",
+        ),
+        (["--cell", "triangle", "--state", "plane-strain", "--out", "no/x.c"], "no"),
+    ],
+)
+def test_the_command_refuses_other_elements(options, message):
+    process = run_command(*options)
+    assert process.returncode == 2
+    assert message in process.stderr
+    assert "Traceback" not in process.stderr
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=" ".join)
+def test_the_text_at_the_top_describes_the_element(kind):
+    cell, state, law = kind
+    element = generate_user_element(cell, StressState(state), law)
+    top, _, code = element.c_source.partition("*/")
+    assert "NEVER RUN IN ABAQUS" in top
+    assert "NEVER RUN IN ABAQUS" in element.fortran_source
+    assert "Python.h" not in code
+    assert "ufcx" not in code
+    assert set(re.findall(r"#include <(.*)>", code)) == {
+        "math.h",
+        "stdio.h",
+        "stdlib.h",
+        "string.h",
+    }
+    assert re.search(r"Eq\. \((10|12)\)", top)
+    n_nodes, n_properties, n_variables = (
+        (10, 3, 24) if cell == "tetrahedron" else (6, 4 if state.startswith("plane") else 3, 16)
+    )
+    line = (
+        f"*USER ELEMENT, TYPE=U1, NODES={n_nodes}, COORDINATES={n_nodes // 4 + 1}, "
+        f"PROPERTIES={n_properties}, VARIABLES={n_variables}, UNSYMM"
+    )
+    assert line in top
+    assert max(map(len, element.fortran_source.splitlines())) <= 72  # fixed form
+
+
+FORTRAN_COMPILER = os.environ.get("FC") or shutil.which("gfortran")
+XIT_THAT_ENDS_WITH_STATUS_3 = "      SUBROUTINE XIT\n      STOP 3\n      END\n"
+
+
+@pytest.mark.skipif(
+    FORTRAN_COMPILER is None, reason="there is no gfortran: UEL in Fortran is NOT TESTED here"
+)
+@pytest.mark.parametrize("kind", [KINDS[0], KINDS[3]], ids=" ".join)
+def test_uel_in_fortran_equals_that_in_c(compiled, tmp_path, kind):
+    cell, state, law = kind
+    element = generate_user_element(cell, StressState(state), law)
+    sources = {"element.c": element.c_source, "uel.f": element.fortran_source}
+    sources["xit.f"] = XIT_THAT_ENDS_WITH_STATUS_3
+    objects = []
+    for name, text in sources.items():
+        path = tmp_path / name
+        path.write_text(text)
+        objects.append(path.with_suffix(".o"))
+        if name.endswith(".c"):
+            compiler = [*os.environ.get("CC", "gcc").split(), "-DPW_UEL_IN_FORTRAN"]
+        else:
+            compiler = [*FORTRAN_COMPILER.split(), "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
+        command = [*compiler, "-fPIC", "-O2", "-c", path, "-o", objects[-1]]
+        subprocess.run([str(part) for part in command], check=True)
+    library = tmp_path / "uel.so"
+    command = [*FORTRAN_COMPILER.split(), "-shared", "-o", library, *objects, "-lm"]
+    subprocess.run([str(part) for part in command], check=True)
+    in_fortran = ctypes.CDLL(str(library)).uel_
+    cells, (in_c, _) = RandomCells(kind, 2), compiled(kind)
+    loads = [(1, 3.0), (12, 4.0), (42, 5.0)]
+    for answer, expected in zip(
+        cells.call(in_fortran, loads=loads), cells.call(in_c, loads=loads), strict=True
+    ):
+        for name in ("force", "matrix", "state", "energy"):
+            assert np.allclose(
+                getattr(answer, name), getattr(expected, name), rtol=1e-12, atol=1e-12
+            )
+    n_nodes, dim = cells.x.shape[1:]
+    program = (
+        "import ctypes, numpy as np\n"
+        "from tests.library.uel_host import call_user_element\n"
+        f"uel = ctypes.CDLL({str(library)!r}).uel_\n"
+        f"call_user_element(uel, np.zeros(({n_nodes}, {dim})), {cells.properties})\n"
+    )
+    process = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=Path(__file__).parents[2],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert process.returncode == 3  # by XIT
+    assert "element 7: it is flat" in process.stderr

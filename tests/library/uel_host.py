@@ -84,9 +84,7 @@ def call_user_element(
     types = np.array([kind for kind, _ in loads], dtype=np.int32)
     magnitudes = np.array([value for _, value in loads], dtype=float)
     increments = magnitudes if load_changes is None else np.array(load_changes, dtype=float)
-    flags = np.array(
-        [procedure, is_large, request, is_perturbation, 0, 0, 0], dtype=np.int32
-    )
+    flags = np.array([procedure, is_large, request, is_perturbation, 0, 0, 0], dtype=np.int32)
     error = np.zeros(1, dtype=np.int32)
     arguments = [
         force,
@@ -262,7 +260,11 @@ class HostProgram:
         raise AssertionError("the contact iteration has not converged")
 
     def solve_buckling(self, u, symmetrised=False):
-        """Return the lowest positive factor of the load that has caused the displacements u."""
+        """Return the lowest positive factor of the load that has caused the displacements u.
+
+        The second value is the relative condition number of the factor: the largest relative change
+        of the factor, over that of the matrices.
+        """
         _, K = self.assemble(request=STIFFNESS, procedure=FREQUENCY, is_perturbation=True)
         _, prestressed = self.assemble(
             u, request=STIFFNESS, procedure=FREQUENCY, is_perturbation=True, is_large=True
@@ -271,8 +273,12 @@ class HostProgram:
         K, initial = (A[np.ix_(free, free)] for A in (K, prestressed - K))
         if symmetrised:
             K, initial = (K + K.T) / 2, (initial + initial.T) / 2
-        reciprocals = scipy.linalg.eigvals(-initial, K)
-        return 1 / max(reciprocals.real)
+        reciprocals, left, right = scipy.linalg.eig(-initial, K, left=True)
+        largest = np.argmax(reciprocals.real)
+        y, x = left[:, largest].real, right[:, largest].real
+        factor = -(y @ K @ x) / (y @ initial @ x)  # errors of the vectors cancel to first order
+        sizes = np.linalg.norm(K, 2) + factor * np.linalg.norm(initial, 2)
+        return factor, np.linalg.norm(y) * np.linalg.norm(x) * sizes / abs(y @ K @ x)
 
 
 def write_deck(path, x, cells, properties, element_sets, node_sets, history):

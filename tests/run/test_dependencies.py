@@ -36,6 +36,7 @@ PACKAGES_FROM_LOWEST_TO_HIGHEST = [
     "abaqus",
     "meshes",
     "pictures",
+    "user_element",
     "contact.model",
     "contact.interface",
     "contact.nodes",
