@@ -12,7 +12,7 @@ from pathlib import Path
 
 from pw_elements.elasticity import StressState
 from pw_elements.files import ForeignFileOrFolder, replace_file_atomically
-from pw_elements.user_element.source import generate_user_element
+from pw_elements.user_element.source import CELLS, LAWS, generate_user_element
 
 _GENERATED_MARK = b"NEVER RUN IN ABAQUS"
 
@@ -24,12 +24,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--cell", required=True, choices=("triangle", "tetrahedron"))
+    parser.add_argument("--cell", required=True, choices=CELLS)
     states = {state.value.replace(" ", "-"): state for state in StressState}
     parser.add_argument("--state", required=True, choices=tuple(states))
-    parser.add_argument(
-        "--law", default="linear", choices=("linear", "neo-hookean"), help="default: linear"
-    )
+    parser.add_argument("--law", default="linear", choices=LAWS, help="default: linear")
     parser.add_argument(
         "--out", required=True, type=Path, metavar="FILE.c", help="beside it, FILE.f is written"
     )

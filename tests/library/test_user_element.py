@@ -21,8 +21,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import create_mesh
 
-from pw_elements import Body, Material, Spaces, as_function, assemble_matrix, assemble_vector
-from pw_elements import boundary_measure
+from pw_elements import Body, Material, Spaces, assemble_matrix, assemble_vector, boundary_measure
 from pw_elements._compat import cell_geometry_nodes
 from pw_elements.abaqus import abaqus_nodes_and_facets_in_dolfinx_order
 from pw_elements.elasticity import StressState
@@ -169,7 +168,7 @@ def compiled(tmp_path_factory):
     return compile_kind
 
 
-def neo_hookean_stress(body, u):
+def neo_hookean_stress(u):
     """Return the deformation gradient and the first Piola-Kirchhoff stress, as in the guide."""
     mu = YOUNGS_MODULUS / (2 * (1 + POISSONS_RATIO))
     ratio = 2 * POISSONS_RATIO / (1 - 2 * POISSONS_RATIO)  # of Lamé's constant to mu
@@ -187,7 +186,7 @@ def test_element_matrices_and_vectors_are_those_of_the_library(compiled, kind, d
         stiffness = body.stiffness()
         residual = ufl.action(stiffness, u)
     else:
-        _, P = neo_hookean_stress(body, u)
+        _, P = neo_hookean_stress(u)
         v = ufl.TestFunction(body.spaces.test)
         dx = ufl.dx(metadata={"quadrature_degree": 4})
         residual = THICKNESS * ufl.inner(P, ufl.grad(v)) * dx
@@ -263,7 +262,7 @@ def test_state_variables_are_stresses_of_the_library(compiled, kind, degree):
             else S[2, 2]
         )
     else:
-        F, P = neo_hookean_stress(body, u)
+        F, P = neo_hookean_stress(u)
         S = P * F.T / ufl.det(F)
         lame = YOUNGS_MODULUS * POISSONS_RATIO / (1 + POISSONS_RATIO) / (1 - 2 * POISSONS_RATIO)
         out_of_plane = lame * ufl.ln(ufl.det(F)) / ufl.det(F)
@@ -388,7 +387,7 @@ def test_large_strains_need_nlgeom_and_ask_for_smaller_increments(compiled, capf
 
 def test_an_error_ends_the_program_that_calls_uel(compiled):
     """UEL itself has no flag of errors, so that it ends the program."""
-    uel, _ = compiled(KINDS[0])
+    compiled(KINDS[0])
     library = next(
         line.split()[-1]
         for line in Path("/proc/self/maps").read_text().splitlines()
@@ -451,7 +450,13 @@ def test_the_command_writes_both_files_and_replaces_only_its_own(tmp_path):
         (["--cell", "tetrahedron", "--state", "axisymmetric", "--out", "x.c"], "triangles another"),
         (["--cell", "triangle", "--state", "plane-strain", "--out", "x.f"], "end with .c"),
         (
-            "--cell triangle --state axisymmetric --law neo-hookean --out x.c".split(),
+            [
+                *("--cell", "triangle", "--state", "axisymmetric"),
+                "--law",
+                "neo-hookean",
+                "--out",
+                "x.c",
+            ],
             "plane strain only",
         ),
         (["--cell", "triangle", "--state", "plane-strain", "--out", "no/x.c"], "no"),

@@ -137,7 +137,7 @@ def test_critical_stress_of_section_7_6(make_host, element, symmetrised, mode):
     )
     u, _ = host.solve_static()
     factor, condition = host.solve_buckling(u, symmetrised)
-    # element matrices agree to round-off, and a change of theirs changes the factor by up to so much
+    # the largest change of the factor if the matrices differ by round-off
     tolerance = np.finfo(float).eps * condition
     assert tolerance < 1e-9
     assert factor * NOMINAL_STRESS == pytest.approx(
