@@ -198,33 +198,37 @@ def _template_values(kind: _ElementKind) -> dict[str, object]:
 
 def _describe_element(kind: _ElementKind) -> str:
     """Return the text at the top of the C file: theory, units, lines of the deck, limits."""
+    units = "Units: any consistent ones, such as N, mm, MPa, t and s."
+    if kind.is_axisymmetric:
+        units += " Coordinates are (r, z); forces are those of the whole circumference."
+    element = (
+        f"*USER ELEMENT, TYPE=U1, NODES={kind.n_nodes}, COORDINATES={kind.dim}, PROPERTIES="
+        f"{kind.n_properties}, VARIABLES={_N_STRESS_POINTS * kind.n_stresses}, UNSYMM"
+    )
+    degrees_of_freedom = ", ".join(str(i + 1) for i in range(kind.dim))
+    properties = "*UEL PROPERTY: 1 Young's modulus, 2 Poisson's ratio, 3 density"
+    if kind.has_thickness:
+        properties += ", 4 thickness"
+    loads = (
+        "*DLOAD: Un pressure on face Sn; Ukn force per area in direction k on face Sn, such as "
+        "U21; U4k force per volume in direction k. Loads act on the undeformed element. Types "
+        "UnNU are not supported."
+    )
+    eigenvalues = (
+        "Abaqus uses symmetric parts of the matrices in frequency steps, and does not call user "
+        "elements in *BUCKLE steps: see docs/how-to/user-element.md."
+    )
     paragraphs = [
         _describe_theory(kind),
-        "Units: any consistent ones, such as N, mm, MPa, t and s."
-        + (
-            " Coordinates are (r, z); forces are those of the whole circumference."
-            if kind.is_axisymmetric
-            else ""
-        ),
+        units,
         _describe_geometry(kind),
-        (
-            f"*USER ELEMENT, TYPE=U1, NODES={kind.n_nodes}, COORDINATES={kind.dim}, "
-            f"PROPERTIES={kind.n_properties}, VARIABLES={_N_STRESS_POINTS * kind.n_stresses}, UNSYMM"
-        ),
-        ", ".join(str(i + 1) for i in range(kind.dim)),
-        "*UEL PROPERTY: 1 Young's modulus, 2 Poisson's ratio, 3 density"
-        + (", 4 thickness." if kind.has_thickness else "."),
-        (
-            "*DLOAD: Un pressure on face Sn; Ukn force per area in direction k on face Sn, such as "
-            "U21; U4k force per volume in direction k. Loads act on the undeformed element. Types UnNU "
-            "are not supported."
-        ),
+        element,
+        degrees_of_freedom,
+        properties + ".",
+        loads,
         _describe_stresses(kind),
         _describe_procedures(kind),
-        (
-            "Abaqus uses symmetric parts of the matrices in frequency steps, and does not call user "
-            "elements in *BUCKLE steps: see docs/how-to/user-element.md."
-        ),
+        eigenvalues,
     ]
     lines = [
         line

@@ -4,7 +4,9 @@ The element is used only through the interface of Abaqus' user subroutine UEL. N
 Abaqus.
 """
 
+import re
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -76,6 +78,16 @@ def test_reactions_of_section_7_1(make_host, squares):
     assert_close(reactions[2 * base + 1], result.curves["reaction"])
     stresses = np.array(host.states).reshape(len(host.states), 4, 4)
     assert_close(stresses[:, :, 1], np.full(stresses.shape[:2], -1.0))  # uniform, Eq. (22)
+
+
+def test_the_deck_of_the_guide_gives_even_reactions(uel, tmp_path):
+    page = Path(__file__).parents[2] / "docs" / "how-to" / "user-element.md"
+    (deck,) = re.findall(r'^deck = """\\\n(.*?)"""', page.read_text(), re.M | re.S)
+    (tmp_path / "two.inp").write_text(deck)
+    host = HostProgram(tmp_path / "two.inp", uel)
+    _, reactions = host.solve_static()
+    assert_close(reactions[2 * np.array([0, 4, 1]) + 1], [0.25, 0.5, 0.25])
+    assert np.allclose(np.reshape(host.states, (-1, 4)), [0.0, -1.0, 0.0, 0.0], atol=1e-12)
 
 
 def test_pressed_state_of_section_7_2(make_host):
