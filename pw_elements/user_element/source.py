@@ -121,17 +121,22 @@ class _ElementKind:
         return "<= 0.5" if self.state is StressState.PLANE_STRESS else "< 0.5"
 
 
-def generate_user_element(cell: str, state: StressState, law: str = "linear") -> UserElement:
+def generate_user_element(cell: str, state: StressState | str, law: str = "linear") -> UserElement:
     """Generate the source code of a user element from the UFL forms of the library.
 
     Args:
         cell: "triangle" (6 nodes) or "tetrahedron" (10 nodes).
-        state: state of stress.
+        state: a `StressState`, or its value as a string, such as "plane strain".
         law: "linear" for linear elasticity, or "neo-hookean" for large strains in plane strain.
 
     Raises:
         ValueError: if there is no such element.
     """
+    try:
+        state = StressState(state)
+    except ValueError:
+        names = ", ".join(repr(known_state.value) for known_state in StressState)
+        raise ValueError(f"state {state!r}: the states are {names}") from None
     kind = _ElementKind(cell, state, law)
     kernels: list[str] = []
     tables: dict[str, str] = {}

@@ -24,7 +24,6 @@ from dolfinx.mesh import create_mesh
 from pw_elements import Body, Material, Spaces, assemble_matrix, assemble_vector, boundary_measure
 from pw_elements._compat import cell_geometry_nodes
 from pw_elements.abaqus import abaqus_nodes_and_facets_in_dolfinx_order
-from pw_elements.elasticity import StressState
 from pw_elements.user_element import generate_user_element
 from tests.library.uel_host import (
     FORCE,
@@ -160,7 +159,7 @@ def compiled(tmp_path_factory):
     def compile_kind(kind):
         if kind not in libraries:
             cell, state, law = kind
-            element = generate_user_element(cell, StressState(state), law)
+            element = generate_user_element(cell, state, law)
             library = compile_user_element(element, tmp_path_factory.mktemp("uel"))
             libraries[kind] = library.uel_, getattr(library, f"{element.name}_")
         return libraries[kind]
@@ -427,7 +426,7 @@ def test_the_command_writes_both_files_and_replaces_only_its_own(tmp_path):
     options = ["--cell", "triangle", "--state", "plane-stress", "--out", tmp_path / "my element.c"]
     for _ in range(2):  # the second time, the files are replaced
         assert run_command(*options).returncode == 0
-        element = generate_user_element("triangle", StressState.PLANE_STRESS)
+        element = generate_user_element("triangle", "plane stress")
         # the order of statements in FFCx's functions differs from process to process
         written, generated = (
             text.split("typedef void kernel")[0]
@@ -469,10 +468,23 @@ def test_the_command_refuses_other_elements(options, message):
     assert "Traceback" not in process.stderr
 
 
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("hexahedron", "solid"), "cell 'hexahedron': the cells are triangle, tetrahedron"),
+        (("triangle", "plane"), "state 'plane': the states are 'plane stress'"),
+        (("triangle", "plane strain", "mooney"), "law 'mooney': the laws are linear"),
+    ],
+)
+def test_unknown_elements_are_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        generate_user_element(*arguments)
+
+
 @pytest.mark.parametrize("kind", KINDS, ids=" ".join)
 def test_the_text_at_the_top_describes_the_element(kind):
     cell, state, law = kind
-    element = generate_user_element(cell, StressState(state), law)
+    element = generate_user_element(cell, state, law)
     top, _, code = element.c_source.partition("*/")
     assert "NEVER RUN IN ABAQUS" in top
     assert "NEVER RUN IN ABAQUS" in element.fortran_source
@@ -506,7 +518,7 @@ XIT_THAT_ENDS_WITH_STATUS_3 = "      SUBROUTINE XIT\n      STOP 3\n      END\n"
 @pytest.mark.parametrize("kind", [KINDS[0], KINDS[3]], ids=" ".join)
 def test_uel_in_fortran_equals_that_in_c(compiled, tmp_path, kind):
     cell, state, law = kind
-    element = generate_user_element(cell, StressState(state), law)
+    element = generate_user_element(cell, state, law)
     sources = {"element.c": element.c_source, "uel.f": element.fortran_source}
     sources["xit.f"] = XIT_THAT_ENDS_WITH_STATUS_3
     objects = []

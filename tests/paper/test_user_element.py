@@ -26,7 +26,7 @@ NOMINAL_STRESS = 1e12
 
 @pytest.fixture(scope="module")
 def uel(tmp_path_factory):
-    element = generate_user_element("triangle", StressState.PLANE_STRESS)
+    element = generate_user_element("triangle", "plane stress")
     return compile_user_element(element, tmp_path_factory.mktemp("uel")).uel_
 
 

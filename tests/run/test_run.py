@@ -510,7 +510,15 @@ def test_no_folder_is_mounted_twice():
 @pytest.mark.skipif(not shutil.which("shellcheck"), reason="shellcheck is not installed")
 def test_shell_scripts_pass_shellcheck():
     process = subprocess.run(
-        ["shellcheck", "run", ".ci/run", ".ci/nightly", ".ci/package", ".ci/signals.sh"],
+        [
+            "shellcheck",
+            "run",
+            ".ci/run",
+            ".ci/nightly",
+            ".ci/package",
+            ".ci/user-elements",
+            ".ci/signals.sh",
+        ],
         cwd=ROOT,
         capture_output=True,
         text=True,
