@@ -309,6 +309,9 @@ def test_perturbation_steps_and_riks_load_vector(compiled):
     assert np.allclose(output.force[0], load * 3 / 7 - K @ change, rtol=1e-12)
     by_itself = call_user_element(uel, x, properties, change, n_state_variables=16)
     assert np.allclose(output.state, by_itself.state, rtol=1e-12)
+    with_nlgeom = call_user_element(uel, x, properties, base, loads=[(2, 7.0)], is_large=True)
+    assert np.array_equal(with_nlgeom.matrix, K)  # a general step of small strains is linear
+    assert np.array_equal(with_nlgeom.force, general.force)
     riks = call_user_element(
         uel, x, properties, base, n_columns=2, loads=[(2, 7.0)], load_changes=[0.5]
     )

@@ -39,6 +39,17 @@ def test_every_folder_of_the_library_is_packaged_and_typed():
     assert ((ROOT / "pw_elements") / "py.typed").exists()
 
 
+def test_every_other_file_of_the_library_is_packaged():
+    declared = {
+        f"{package.replace('.', '/')}/{name}"
+        for package, names in PYPROJECT["tool"]["setuptools"]["package-data"].items()
+        for name in names
+    }
+    files = {path for path in (ROOT / "pw_elements").rglob("*") if path.is_file()}
+    others = {str(path.relative_to(ROOT)) for path in files if path.suffix not in (".py", ".pyc")}
+    assert others == declared
+
+
 def test_every_package_that_the_library_imports_is_declared():
     """All packages that are imported are in the metadata, or belong to a DOLFINx of any source."""
     project = PYPROJECT["project"]
