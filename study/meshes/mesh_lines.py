@@ -67,3 +67,36 @@ def mesh_lines_over_depth(surface_size: float) -> Array:
     `surface_size` is an upper bound of the size of the elements at the surface.
     """
     return -geometrically_growing_lines(surface_size, BODY_SIZE, GROWTH)[::-1]
+
+
+def bend_end_of_block(x: Array, curvature: float) -> Array:
+    """Map nodes (n, 3) of a block above or below z = 0 so that its side z = 0 is a paraboloid.
+
+    Nodes move along z; the opposite side of the block remains flat.
+
+    Args:
+        x: Nodes of the block.
+        curvature: Curvature of the side along both axes.
+    """
+    fraction = 1 - np.abs(x[:, 2]) / np.abs(x[:, 2]).max()
+    height = curvature / 2 * (x[:, 0] ** 2 + x[:, 1] ** 2)
+    return np.column_stack([x[:, :2], x[:, 2] + fraction * height])
+
+
+def mesh_lines_of_block_under_ball(elements_per_radius: float) -> tuple[Array, Array, float]:
+    """Return mesh lines of a whole body within `BODY_SIZE`, relative to the contact radius.
+
+    Args:
+        elements_per_radius: Number of elements along the contact radius.
+
+    Returns:
+        Lines across the body and into it, from 0, and the extent of the part that may touch.
+    """
+    size = 1 / (elements_per_radius + CONTACT_EDGE_POSITION)
+    inner = size * np.arange(np.ceil(CONTACT_ZONE_SIZE / size) + 1)
+    n_outer = int(np.ceil((BODY_SIZE - inner[-1]) / (2.5 * size)))
+    outwards = np.concatenate([inner, np.linspace(inner[-1], BODY_SIZE, n_outer + 1)[1:]])
+    horizontal = np.concatenate([-outwards[:0:-1], outwards])
+    n_depth = int(np.ceil(np.log1p(BODY_SIZE / size) / np.log(2)))
+    depth = BODY_SIZE * (2 ** np.arange(n_depth + 1) - 1) / (2**n_depth - 1)
+    return horizontal, depth, float(inner[-1])

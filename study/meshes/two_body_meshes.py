@@ -1,6 +1,7 @@
 """Meshes that contain two bodies."""
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -8,6 +9,7 @@ from dolfinx.mesh import Mesh, create_mesh, locate_entities_boundary
 
 from pw_elements._compat import cell_geometry_nodes
 from pw_elements.meshes import curved_mesh
+from study.meshes.mesh_lines import bend_end_of_block
 from study.meshes.solid_meshes import mesh_box_along_lines
 
 Array = npt.NDArray[np.float64]
@@ -64,15 +66,13 @@ def mesh_two_blocks_of_tetrahedra(
     def height(curvature: float, x: Array, y: Array) -> Array:
         return np.asarray(curvature / 2 * (x**2 + y**2))
 
-    blocks = []
-    for lines, curvature in zip((lower_lines, upper_lines), curvatures, strict=True):
-        far_side = np.abs(lines[2]).max()
-
-        def bend(x: Array, curvature: float = curvature, far_side: float = far_side) -> Array:
-            fraction = 1 - np.abs(x[:, 2]) / far_side
-            return np.column_stack([x[:, :2], x[:, 2] + fraction * height(curvature, *x.T[:2])])
-
-        blocks.append(curved_mesh(mesh_box_along_lines("tetrahedron", *lines), bend))
+    blocks = [
+        curved_mesh(
+            mesh_box_along_lines("tetrahedron", *lines),
+            partial(bend_end_of_block, curvature=curvature),
+        )
+        for lines, curvature in zip((lower_lines, upper_lines), curvatures, strict=True)
+    ]
     blocks[1].geometry.x[:, 2] += gap
     mesh, _ = join_lower_and_upper_mesh(*blocks)
 

@@ -9,6 +9,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh
+from scipy.spatial import cKDTree
 
 from pw_elements import Spaces, SurfaceNodes, assemble_scalar, assemble_vector
 from pw_elements.contact import ContactPair, ContactProblem, Motion
@@ -25,6 +26,17 @@ MAX_ITERATIONS = 40
 
 One increment of the standard element takes 25 iterations, which is the library's default limit:
 round-off would decide whether the increment is halved, which changes the frictional dissipation."""
+
+MIN_RELATIVE_WEIGHT = 0.02
+"""Integral of a weight function, over the largest one, below which a node has no pressure.
+
+Corners of standard tetrahedra have no weight on flat facets, and a small one on curved facets.
+"""
+
+
+def drop_small_weights(weight: Array) -> Array:
+    """Replace integrals of weight functions below `MIN_RELATIVE_WEIGHT` by zero."""
+    return np.where(weight > MIN_RELATIVE_WEIGHT * weight.max(), weight, 0.0)
 
 
 def first_lame_constant_over_shear_modulus(poissons_ratio: float) -> float:
@@ -56,7 +68,7 @@ class NeoHookeanBody:
             element: Name of the element; Poisson's ratio is 0.4999 for hybrid ones, else 0.3.
             mesh: Mesh of one or several bodies.
             degree: Quadrature degree.
-            calculix_energy: Whether to use CalculiX' strain energy (in plane strain) instead of
+            calculix_energy: Whether to use CalculiX' strain energy instead of
                 (|F|^2 - dim) / 2 - ln J + lambda / 2 ln(J)^2.
         """
         pair = make_element_spaces(element, mesh)
@@ -83,10 +95,11 @@ class NeoHookeanBody:
             self.residual = (ufl.inner(stress, ufl.grad(v)) - q * (J - 1 + p / lame)) * dx
             self._energy = (energy + p**2 / (2 * lame)) * dx
         elif calculix_energy:
-            shear_stress = J ** (-2 / 3) * (F - (ufl.inner(F, F) + 1) / 3 * inverse)
+            square = ufl.inner(F, F) + (3 - self.dim)
+            shear_stress = J ** (-2 / 3) * (F - square / 3 * inverse)
             stress = shear_stress + BULK_MODULUS * (J - 1) * J * inverse
             self.residual = ufl.inner(stress, ufl.grad(test)) * dx
-            distortion = J ** (-2 / 3) * (ufl.inner(F, F) + 1) - 3
+            distortion = J ** (-2 / 3) * square - 3
             self._energy = (distortion / 2 + BULK_MODULUS / 2 * (J - 1) ** 2) * dx
         else:
             stress = F - inverse + lame * ufl.ln(J) * inverse
@@ -105,6 +118,37 @@ class NeoHookeanBody:
     def nodal_forces(self) -> Array:
         """Return the forces (n, dim) of supports and tools on the nodes, i.e. the residual."""
         return np.asarray(assemble_vector(self.residual).array_r[self.displacements.unknowns])
+
+    def find_nodes(self, x: Array) -> npt.NDArray[np.int64]:
+        """Return the nodes (m,) at undeformed positions (m, dim).
+
+        Raises:
+            ValueError: If a position is further than 1e-9 from all nodes.
+        """
+        distance, node = cKDTree(self.x).query(x)
+        if distance.max() > 1e-9:
+            raise ValueError(f"a position is {distance.max():.1e} from the nearest node")
+        return np.asarray(node)
+
+    def integrate_weights_over_deformed_sides(
+        self, sides: Sequence[npt.NDArray[np.int64]]
+    ) -> Array:
+        """Integrate each node's test function over the deformed facets of its side.
+
+        Args:
+            sides: Facets of each side; sides have no common nodes.
+
+        Returns:
+            Integrals (n,); those of other nodes, and small ones, are zero.
+        """
+        make_spaces = Spaces.petrov_galerkin if self.element.startswith("pw") else Spaces.galerkin
+        stretch = SurfaceNodes.area_stretch(self.solution)
+        scalar_spaces = make_spaces(self.solution.function_space.mesh, 0)
+        weights = np.zeros(len(self.x))
+        for side in sides:
+            surface = SurfaceNodes.from_scalar_spaces(scalar_spaces, side.astype(np.int32), stretch)
+            weights[surface.node] = surface.weight_area
+        return drop_small_weights(weights)
 
     def undeformed_and_deformed_weight_integrals(
         self, upper_nodes: npt.NDArray[np.int64]

@@ -284,7 +284,7 @@ def die(element: str, own: int, opposite: int) -> Result:
     displacement = _nodal_displacement(bodies, sliding_states[-1])
     scalars = record.summarise_iterations() | {
         "balance_error": record.largest_force_imbalance(),
-        "moment_defect": max(_relative_moment_of_contact_forces(bodies, s) for s in sliding_states),
+        "moment_defect": max(measure_relative_moment(bodies, s) for s in sliding_states),
         "cone_error": record.largest_friction_law_violation(),
         **_measure_force_evenness_on_both_sides(bodies, sliding_states, np.ones(len(bodies.x)), ""),
         **_measure_force_evenness_on_both_sides(bodies, sliding_states, weight_area, "_pressure"),
@@ -309,7 +309,7 @@ def die(element: str, own: int, opposite: int) -> Result:
         "N": force[:, 1],
         "T": force[:, 0],
     }
-    return _make_dimensionless_result(scalars, curves, len(bodies.solution.x.array))
+    return make_dimensionless_result(scalars, curves, len(bodies.solution.x.array))
 
 
 def _press_and_slide_die(
@@ -359,7 +359,7 @@ def against_calculix(element: str, case: str, tracked: str) -> Result:
         "N_calculix": recorded["N"],
         "T_calculix": recorded["T"],
     }
-    return _make_dimensionless_result(scalars, curves, len(bodies.solution.x.array))
+    return make_dimensionless_result(scalars, curves, len(bodies.solution.x.array))
 
 
 def ironed(element: str) -> Result:
@@ -394,7 +394,7 @@ def ironed(element: str) -> Result:
         "cone_error": record.largest_friction_law_violation(),
         "balance_error": record.largest_force_imbalance(),
     }
-    return _make_dimensionless_result(scalars, {}, len(bodies.solution.x.array))
+    return make_dimensionless_result(scalars, {}, len(bodies.solution.x.array))
 
 
 def turned(element: str, degrees: int) -> Result:
@@ -428,7 +428,7 @@ def turned(element: str, degrees: int) -> Result:
         "slip": float(max(slips)),
         "balance_error": record.largest_force_imbalance(),
     }
-    return _make_dimensionless_result(scalars, {}, len(bodies.solution.x.array))
+    return make_dimensionless_result(scalars, {}, len(bodies.solution.x.array))
 
 
 def rings(element: str) -> Result:
@@ -478,7 +478,7 @@ def rings(element: str) -> Result:
             scalars["balance_error"] = record.largest_force_imbalance()
             dofs = len(bodies.solution.x.array)
     scalars |= {"N": forces[0], "side_difference": abs(forces[1] / forces[0] - 1)}
-    return _make_dimensionless_result(scalars, {}, dofs)
+    return make_dimensionless_result(scalars, {}, dofs)
 
 
 def fit(element: str) -> Result:
@@ -548,7 +548,7 @@ def fit(element: str) -> Result:
         "balance_error": float(imbalance.max()),
         "iterations_mean": float(np.mean([s.iterations for s in record.states])),
     }
-    return _make_dimensionless_result(scalars, {}, len(solution.x.array))
+    return make_dimensionless_result(scalars, {}, len(solution.x.array))
 
 
 def _exact_press_fit_pressure(deformed_inner_radius: float) -> float:
@@ -699,19 +699,21 @@ def _largest_tension_over_compression(normal_force: Array) -> float:
     return float(max(0.0, -normal_force.min() / normal_force.max()))
 
 
-def _relative_moment_of_contact_forces(bodies: NeoHookeanBody, state: ContactState) -> float:
-    """Return the resultant moment of all contact forces, over the sum of nodal magnitudes."""
+def measure_relative_moment(bodies: NeoHookeanBody, state: ContactState) -> float:
+    """Return the resultant moment of all contact forces, over the sum of its parts' sizes."""
     pair = _only_pair_state(state)
     nodes = np.concatenate([pair.node, pair.opposite_node])
     force = np.concatenate([pair.force_vector, pair.opposite_force])
     x = (bodies.x + _nodal_displacement(bodies, state))[nodes]
-    x = x - x.mean(axis=0)
-    moments = x[:, 0] * force[:, 1] - x[:, 1] * force[:, 0]
-    return float(abs(moments.sum()) / np.abs(moments).sum())
+    to_space = ((0, 0), (0, 3 - bodies.dim))
+    moments = np.cross(np.pad(x - x.mean(axis=0), to_space), np.pad(force, to_space))
+    sizes = np.linalg.norm(moments, axis=1).sum()
+    return float(np.linalg.norm(moments.sum(axis=0)) / sizes)
 
 
-def _make_dimensionless_result(
+def make_dimensionless_result(
     scalars: dict[str, float], curves: dict[str, Array], dofs: int
 ) -> Result:
+    """Return a result of numbers without units."""
     numbers = {name: float(value) for name, value in scalars.items()}
     return Result(numbers, assign_unit_one_to_scalars(numbers), curves, dofs=dofs)

@@ -11,13 +11,23 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from study.benchmarks.v18_bodies_in_space.problems import flat, hertz, patch, slide, transfer
+from study.benchmarks.v18_bodies_in_space.problems import (
+    flat,
+    hertz,
+    patch,
+    patch_by_calculix,
+    slide,
+    slide_by_calculix,
+    transfer,
+)
 from study.judge.checks import check
 from study.judge.measures.general import largest, scalar
 from study.publish.plots.style import ELEMENT_LOOK, PAGE_WIDTH
 from study.run.cases import Case, mark_costly
 from study.run.pages import PageFigure
 from study.run.store import Results
+from study.solutions.calculix.blocks_in_space import PATCHES, SLIDING_BLOCKS
+from study.solutions.calculix.calculix import digest_recorded_result
 
 SECTION = "V18"
 TITLE = "Two bodies sliding in space"
@@ -102,6 +112,16 @@ CASES = [
             for element in ELEMENTS
         ],
         "hertz-*-3",
+    ),
+    *(
+        Case(
+            "V18",
+            f"calculix-{case}",
+            problem,
+            {"element": "pw-T10", "case": case, "tracked": digest_recorded_result(case)},
+        )
+        for problem, cases in ((patch_by_calculix, PATCHES), (slide_by_calculix, SLIDING_BLOCKS))
+        for case in cases
     ),
 ]
 
@@ -316,6 +336,20 @@ CHECKS = [
         tolerance_why="none: a bound",
         tolerance_set="before",
         why="The exact displacements are prescribed around both bodies.",
+    ),
+    check(
+        "V18-calculix",
+        "The sliding block: largest difference of normal and friction force from CalculiX', over "
+        "the largest normal force.",
+        lambda results: max(
+            scalar(results, "V18/calculix-block-sliding-in-space", f"{force}_difference")
+            for force in ("N", "T")
+        ),
+        "<",
+        0.03,
+        tolerance_why="CalculiX' penalty, up to 2 % of the depth, and the meshes' errors",
+        tolerance_set="before",
+        why="Energy and mesh are the same.",
     ),
 ]
 

@@ -5,7 +5,6 @@ from functools import partial
 
 import numpy as np
 from dolfinx.mesh import Mesh
-from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from pw_elements import Spaces, SurfaceNodes
@@ -14,11 +13,36 @@ from pw_elements.contact import SLIP
 from pw_elements.contact.interface import gather_boundary_facets
 from pw_elements.contact.model import ContactState, PairState
 from study.benchmarks.v11_two_bodies.methods import integrate_mortar_coupling_of_multipliers
-from study.benchmarks.v17_bodies.problems import SlidingHistory, solve_sliding_of_two_bodies
+from study.benchmarks.v17_bodies.problems import (
+    SlidingHistory,
+    make_dimensionless_result,
+    measure_relative_moment,
+    solve_sliding_of_two_bodies,
+)
+from study.meshes.mesh_lines import BODY_SIZE, mesh_lines_of_block_under_ball
 from study.meshes.two_body_meshes import mesh_two_blocks_of_tetrahedra
-from study.model.units import assign_unit_one_to_scalars
 from study.run.store import Result
+from study.solutions.calculix.blocks_in_space import (
+    GAP,
+    N_PRESSING_INCREMENTS,
+    PATCH_GRIDS,
+    PATCH_STRETCH,
+    PATCH_TIMES,
+    PATCHES,
+    ROTATION_DEGREES,
+    SLIDING_CURVATURE,
+    SLIDING_GRIDS,
+    SLIDING_TIMES,
+    RotatedPatch,
+    displace_patch,
+    displace_sliding_block,
+    exact_patch_normals_and_pressures,
+    rotate_about_general_axis,
+    solve_uniaxial_stress,
+)
+from study.solutions.calculix.calculix import load_recorded_result_if_unchanged
 from study.solutions.calculix.die import FRICTION
+from study.solutions.calculix.grids import Grid
 from study.solutions.half_space import (
     ElasticHalfSpace,
     HertzSphere,
@@ -27,68 +51,42 @@ from study.solutions.half_space import (
 from study.solutions.rubber import (
     POISSONS_RATIO,
     NeoHookeanBody,
+    drop_small_weights,
     first_lame_constant_over_shear_modulus,
 )
 
 # Stresses relative to the shear modulus
 QUADRATURE_DEGREE = 2
-GAP = 0.01
-"""Initial gap between both bodies, by which their sides are told apart."""
-ROTATION_AXIS, ROTATION_DEGREES, N_ROTATION_INCREMENTS = (1.0, -2.0, 2.0), 70.0, 4
-MIN_RELATIVE_WEIGHT = 0.02
-"""Integral of a weight function, over the largest one, below which a node has no pressure.
-
-Corners of standard tetrahedra have no weight on flat facets, and a small one on curved facets.
-"""
-
-# Patch: two blocks with square sections of side 1 and heights of 0.5
-PATCH_CELLS = ((3, 3, 2), (4, 4, 2))
-"""Numbers of boxes, of six tetrahedra each, of the lower block (master) and the upper one."""
-PATCH_BOXES = [[(-0.5, 0.5), (-0.5, 0.5), depths] for depths in ((-0.5, 0.0), (0.0, 0.5))]
-PATCH_STRETCH = 0.9
-
-# Sliding: a small block with a convex lower side on a long one
-SLIDING_CELL_SIZE = 0.15
-"""Length of the small block's elements along the path."""
-SLIDING_CELLS = ((12, 3, 1), (4, 2, 2))
-SLIDING_BOXES = (
-    ((-0.5, 2.1), (-0.4, 0.4), (-0.3, 0.0)),
-    ((-0.3, 0.3), (-0.25, 0.25), (0.0, 0.4)),
-)
-SLIDING_CURVATURE, SLIDING_DEPTH = 0.4, 0.05
-N_PRESSING_INCREMENTS, N_SLIDING_INCREMENTS, N_STARTING_INCREMENTS = 2, 20, 6
-"""Numbers of increments of pressing, of sliding, and of sliding before the force is steady."""
+LAME = first_lame_constant_over_shear_modulus(POISSONS_RATIO)
+N_STARTING_INCREMENTS = 6
+"""Number of increments of sliding before the force is steady."""
 
 # Flat sides, of which the lower one is kept flat by supports
-FLAT_CELLS = ((7, 3, 1), (3, 2, 2))
-FLAT_BOXES = (
-    ((-0.5, 1.5), (-0.5, 0.5), (-0.4, 0.0)),
-    ((-0.3, 0.3), (-0.25, 0.25), (0.0, 0.3)),
+FLAT_GRIDS = (
+    Grid("T10", (-0.5, -0.5, -0.4), (1.5, 0.5, 0.0), (7, 3, 1)),
+    Grid("T10", (-0.3, -0.25, 0.0), (0.3, 0.25, 0.3), (3, 2, 2)),
 )
 FLAT_DEPTH, FLAT_TILT, FLAT_TRAVEL, N_FLAT_INCREMENTS = 0.03, 0.5, 0.6, 6
 
 # Hertz: a ball on a block; lengths relative to the contact radius
 BALL_RADIUS = 1e3
-HERTZ_SIZE = 2.5
-"""Distance of the outer sides from the contact, on which exact displacements are prescribed."""
 BALL_OVER_BLOCK_CELLS = 1.25
 """Number of elements of the ball along the contact radius over that of the block."""
 INNER_RADIUS = 0.8
 """Distance from the axis up to which pressures are compared."""
 
 
-def _rotation(degrees: float) -> Rotation:
-    axis = np.array(ROTATION_AXIS) / np.linalg.norm(ROTATION_AXIS)
-    return Rotation.from_rotvec(np.radians(degrees) * axis)
-
-
-def _rotation_times() -> list[float]:
-    return [1 + (k + 1) / N_ROTATION_INCREMENTS for k in range(N_ROTATION_INCREMENTS)]
-
-
-def _divide_box(box: Sequence[tuple[float, float]], cells: Sequence[int]) -> list[Array]:
-    """Return even mesh lines along each axis of a box, given by its ends along each axis."""
-    return [np.linspace(*ends, n + 1, dtype=np.float64) for ends, n in zip(box, cells, strict=True)]
+def _mesh_blocks(
+    grids: Sequence[Grid], curvatures: tuple[float, float]
+) -> tuple[Mesh, tuple[Indices, Indices]]:
+    lower, upper = (
+        [
+            np.linspace(*ends[:2], ends[2] + 1)
+            for ends in zip(g.lower, g.upper, g.divisions, strict=True)
+        ]
+        for g in grids
+    )
+    return mesh_two_blocks_of_tetrahedra(lower, upper, curvatures, GAP)
 
 
 def _mask_base_and_top(bodies: NeoHookeanBody) -> tuple[Mask, Mask]:
@@ -98,21 +96,6 @@ def _mask_base_and_top(bodies: NeoHookeanBody) -> tuple[Mask, Mask]:
 
 def _pair(state: ContactState) -> PairState:
     return state.pairs[0]
-
-
-def _integrate_weights_over_deformed_sides(
-    bodies: NeoHookeanBody, state: ContactState, slave_and_master_facets: Sequence[Indices]
-) -> Array:
-    """Integrate each node's test function (n,) over the deformed facets of its side."""
-    make_spaces = Spaces.petrov_galerkin if bodies.element.startswith("pw") else Spaces.galerkin
-    bodies.solution.x.array[:] = state.displacement.array_r
-    stretch = SurfaceNodes.area_stretch(bodies.solution)
-    scalar_spaces = make_spaces(bodies.solution.function_space.mesh, 0)
-    weights = np.zeros(len(bodies.x))
-    for side in slave_and_master_facets:
-        surface = SurfaceNodes.from_scalar_spaces(scalar_spaces, side.astype(np.int32), stretch)
-        weights[surface.node] = surface.weight_area
-    return np.where(weights > MIN_RELATIVE_WEIGHT * weights.max(), weights, 0.0)
 
 
 def _compare_force_over_weight(force: Array, weight: Array, exact: Array) -> dict[str, float]:
@@ -135,21 +118,45 @@ def _compare_force_over_weight(force: Array, weight: Array, exact: Array) -> dic
 # Patch
 
 
-def _deformation_of_uniaxial_stress(stretch: float) -> tuple[Array, float]:
-    """Return stretches (3,), and the pressure on sections z = constant, for a stretch along z."""
-    lame = first_lame_constant_over_shear_modulus(POISSONS_RATIO)
+def _press_and_rotate_patch(
+    element: str, curvature: float, lame: float | None
+) -> tuple[NeoHookeanBody, tuple[Indices, Indices], SlidingHistory]:
+    mesh, sides = _mesh_blocks(PATCH_GRIDS, (curvature, curvature))
+    bodies = NeoHookeanBody(element, mesh, QUADRATURE_DEGREE, calculix_energy=lame is None)
 
-    def lateral_stress(lateral: float) -> float:
-        return float(lateral**2 - 1 + lame * np.log(lateral**2 * stretch))
+    def set_displacements(time: float, displacement: Array) -> None:
+        displacement[:] = displace_patch(bodies.x, time, lame)
 
-    lateral = brentq(lateral_stress, 0.5, 2.0, xtol=1e-15)
-    J = lateral**2 * stretch
-    return np.array([lateral, lateral, stretch]), -(stretch**2 - 1 + lame * np.log(J)) / J
+    moved = _mask_base_and_top(bodies)
+    record = solve_sliding_of_two_bodies(bodies, sides, set_displacements, moved, PATCH_TIMES)
+    return bodies, sides, record
 
 
-def _mesh_patch(curvature: float) -> tuple[Mesh, tuple[Indices, Indices]]:
-    lower_lines, upper_lines = map(_divide_box, PATCH_BOXES, PATCH_CELLS)
-    return mesh_two_blocks_of_tetrahedra(lower_lines, upper_lines, (curvature, curvature), GAP)
+def _compare_patch_with_exact(
+    bodies: NeoHookeanBody,
+    sides: tuple[Indices, Indices],
+    state: ContactState,
+    curvature: float,
+    lame: float | None,
+    degrees: float,
+) -> tuple[dict[str, float], dict[str, Array]]:
+    """Return errors of force over weight on both sides, and curves of forces and exact values."""
+    bodies.solution.x.array[:] = state.displacement.array_r
+    weight = bodies.integrate_weights_over_deformed_sides(sides)
+    pair, rotation = _pair(state), rotate_about_general_axis(degrees)
+    scalars: dict[str, float] = {}
+    curves: dict[str, Array] = {}
+    for side, node, force in (
+        ("", pair.node, -pair.force_vector),
+        ("_master", pair.opposite_node, pair.opposite_force),
+    ):
+        normal, exact = exact_patch_normals_and_pressures(bodies.x[node], curvature, lame)
+        normal_force = -np.sum(force * rotation.apply(normal), axis=1)
+        errors = _compare_force_over_weight(normal_force, weight[node], exact)
+        scalars |= {name + side: value for name, value in errors.items()}
+        curves |= {f"x{side}": bodies.x[node, :2], f"force{side}": normal_force}
+        curves |= {f"weight{side}": weight[node], f"exact{side}": exact}
+    return scalars, curves
 
 
 def patch(element: str, curvature: float) -> Result:
@@ -159,43 +166,79 @@ def patch(element: str, curvature: float) -> Result:
         element: Name of the element.
         curvature: Curvature of the common side along both axes; zero if it is flat.
     """
-    mesh, sides = _mesh_patch(curvature)
-    bodies = NeoHookeanBody(element, mesh, QUADRATURE_DEGREE)
-    is_base, is_top = _mask_base_and_top(bodies)
-    closed = bodies.x - np.outer(is_top, [0.0, 0.0, GAP])
-
-    def set_displacements(time: float, displacement: Array) -> None:
-        stretches, _ = _deformation_of_uniaxial_stress(1 - (1 - PATCH_STRETCH) * min(time, 1.0))
-        rotation = _rotation(ROTATION_DEGREES * max(0.0, time - 1))
-        displacement[:] = rotation.apply(stretches * closed) - bodies.x
-
-    times = [0.5, 1.0, *_rotation_times()]
-    record = solve_sliding_of_two_bodies(bodies, sides, set_displacements, (is_base, is_top), times)
+    bodies, sides, record = _press_and_rotate_patch(element, curvature, LAME)
     pressed, last = record.states[1], record.states[-1]
-    rotation = _rotation(ROTATION_DEGREES)
-    stretches, pressure = _deformation_of_uniaxial_stress(PATCH_STRETCH)
+    rotation = rotate_about_general_axis(ROTATION_DEGREES)
+    errors, curves = _compare_patch_with_exact(
+        bodies, sides, last, curvature, LAME, ROTATION_DEGREES
+    )
     scalars = record.summarise_iterations() | {
         "objectivity_error": _measure_change_by_rotation(_pair(pressed), _pair(last), rotation),
         "balance_error": record.largest_force_imbalance(),
-        "moment_error": max(_relative_moment(bodies, state) for state in record.states),
-        "pressure": pressure,
+        "moment_error": max(measure_relative_moment(bodies, state) for state in record.states),
+        "pressure": solve_uniaxial_stress(PATCH_STRETCH, LAME)[1],
     }
-    weight = _integrate_weights_over_deformed_sides(bodies, last, sides)
-    curves: dict[str, Array] = {}
-    forces = {
-        "": (_pair(last).node, -_pair(last).force_vector),
-        "_master": (_pair(last).opposite_node, _pair(last).opposite_force),
-    }
-    for side, (node, force) in forces.items():
-        normal = np.column_stack([-curvature * bodies.x[node, :2], np.ones(len(node))]) / stretches
-        normal /= np.linalg.norm(normal, axis=1)[:, None]
-        exact = pressure * normal[:, 2] ** 2
-        normal_force = -np.sum(force * rotation.apply(normal), axis=1)
-        errors = _compare_force_over_weight(normal_force, weight[node], exact)
-        scalars |= {name + side: value for name, value in errors.items()}
-        curves |= {f"x{side}": bodies.x[node, :2], f"force{side}": normal_force}
-        curves |= {f"weight{side}": weight[node], f"exact{side}": exact}
-    return _make_dimensionless_result(scalars, curves, len(bodies.solution.x.array))
+    return make_dimensionless_result(scalars | errors, curves, len(bodies.solution.x.array))
+
+
+def patch_by_calculix(element: str, case: str, tracked: str) -> Result:
+    """Compress and rotate the patch with the energy of CalculiX; compare both with exact values.
+
+    CalculiX' nodal forces are those of its elements under its displacements.
+
+    Args:
+        element: Name of our element.
+        case: Name of the CalculiX input deck.
+        tracked: Digest that the stored solution must have.
+    """
+    problem, numbers = PATCHES[case], load_recorded_result_if_unchanged(case, tracked).numbers
+    bodies, sides, record = _press_and_rotate_patch(element, problem.curvature, None)
+    stretches, pressure = solve_uniaxial_stress(PATCH_STRETCH)
+    _, exact = exact_patch_normals_and_pressures(
+        problem.nodes[problem.slave_nodes - 1], problem.curvature, None
+    )
+    scalars = {}
+    for suffix, state, degrees in (
+        ("", record.states[1], 0.0),
+        ("_rotated", record.states[-1], ROTATION_DEGREES),
+    ):
+        errors, _ = _compare_patch_with_exact(
+            bodies, sides, state, problem.curvature, None, degrees
+        )
+        scalars |= {
+            f"pressure_error{suffix}": errors["force_over_weight_error"],
+            f"pressure_error_master{suffix}": errors["force_over_weight_error_master"],
+            f"calculix_pressure_error{suffix}": np.abs(
+                numbers[f"pressure{suffix}"] / exact - 1
+            ).max(),
+        }
+        for name, force in (("", _pair(state).force), ("calculix_", numbers[f"force{suffix}"])):
+            error = np.linalg.norm(force) / (pressure * stretches[0] ** 2) - 1
+            scalars[f"{name}force_error{suffix}"] = abs(error)
+    errors = _compare_calculix_nodal_forces_with_exact(problem, numbers["displacement"])
+    scalars |= {f"calculix_{name}": value for name, value in errors.items()}
+    return make_dimensionless_result(scalars, {}, len(bodies.solution.x.array))
+
+
+def _compare_calculix_nodal_forces_with_exact(
+    problem: RotatedPatch, displacement: Array
+) -> dict[str, float]:
+    """Return errors of the forces of the standard element on the slave of the pressed patch.
+
+    Args:
+        problem: Problem that CalculiX has solved.
+        displacement: Displacements (3 k,) of its `nodes_of_elements_at_contact`.
+    """
+    mesh, sides = _mesh_blocks(PATCH_GRIDS, problem.curvatures)
+    bodies = NeoHookeanBody("galerkin-T10", mesh, QUADRATURE_DEGREE, calculix_energy=True)
+    moved, slave = problem.nodes_of_elements_at_contact - 1, problem.slave_nodes - 1
+    u = bodies.solution.x.array.reshape(-1, 3)
+    u[bodies.find_nodes(problem.nodes[moved])] = displacement.reshape(-1, 3)
+    node = bodies.find_nodes(problem.nodes[slave])
+    normal, exact = exact_patch_normals_and_pressures(bodies.x[node], problem.curvature, None)
+    force = np.sum(bodies.nodal_forces()[node] * normal, axis=1)
+    weight = bodies.integrate_weights_over_deformed_sides(sides)[node]
+    return _compare_force_over_weight(force, weight, exact)
 
 
 def _measure_change_by_rotation(before: PairState, after: PairState, rotation: Rotation) -> float:
@@ -209,16 +252,6 @@ def _measure_change_by_rotation(before: PairState, after: PairState, rotation: R
     return float(max(gap_change, *(np.abs(change).max() / largest for change in changes)))
 
 
-def _relative_moment(bodies: NeoHookeanBody, state: ContactState) -> float:
-    """Return the resultant moment of all contact forces, over the sum of its parts' sizes."""
-    pair = _pair(state)
-    nodes = np.concatenate([pair.node, pair.opposite_node])
-    x = (bodies.x + state.displacement.array_r.reshape(-1, 3))[nodes]
-    moments = np.cross(x - x.mean(axis=0), np.concatenate([pair.force_vector, pair.opposite_force]))
-    sizes = np.linalg.norm(moments, axis=1).sum()
-    return float(np.linalg.norm(moments.sum(axis=0)) / sizes)
-
-
 def transfer(element: str, method: str) -> Result:
     """Transfer a uniform pressure between both flat sides of the patch by dual multipliers.
 
@@ -226,7 +259,7 @@ def transfer(element: str, method: str) -> Result:
         element: Standard element.
         method: Method of section V11, "p2-dual" for dual quadratic multipliers.
     """
-    mesh, sides = _mesh_patch(0.0)
+    mesh, sides = _mesh_blocks(PATCH_GRIDS, (0.0, 0.0))
     bodies = NeoHookeanBody(element, mesh, QUADRATURE_DEGREE)
     space = bodies.solution.function_space
     slave, master = (gather_boundary_facets(space, side.astype(np.int32)) for side in sides)
@@ -236,38 +269,44 @@ def transfer(element: str, method: str) -> Result:
     scalars = {"balance_error": float(abs(force.sum()) / force[slave.nodes].sum())}
     for name, side, sign in (("", sides[0], 1.0), ("_master", sides[1], -1.0)):
         surface = make_weights(side.astype(np.int32))
-        weight = surface.weight_area
-        weight = np.where(weight > MIN_RELATIVE_WEIGHT * weight.max(), weight, 0.0)
+        weight = drop_small_weights(surface.weight_area)
         errors = _compare_force_over_weight(
             sign * force[surface.node], weight, np.ones_like(weight)
         )
         scalars |= {scalar + name: value for scalar, value in errors.items()}
-    return _make_dimensionless_result(scalars, {}, 3 * len(bodies.x))
+    return make_dimensionless_result(scalars, {}, 3 * len(bodies.x))
 
 
 # Sliding
 
 
-def slide(element: str) -> Result:
+def press_and_slide_block(
+    element: str, calculix_energy: bool = False
+) -> tuple[NeoHookeanBody, SlidingHistory]:
     """Press a small block into a long one and slide it over ten of its elements.
 
     Args:
         element: Name of the element.
+        calculix_energy: Whether to use CalculiX' strain energy.
     """
-    lower_lines, upper_lines = map(_divide_box, SLIDING_BOXES, SLIDING_CELLS)
-    mesh, sides = mesh_two_blocks_of_tetrahedra(
-        lower_lines, upper_lines, (0.0, SLIDING_CURVATURE), GAP
-    )
-    bodies = NeoHookeanBody(element, mesh, QUADRATURE_DEGREE)
-    is_base, is_top = _mask_base_and_top(bodies)
+    mesh, sides = _mesh_blocks(SLIDING_GRIDS, (0.0, SLIDING_CURVATURE))
+    bodies = NeoHookeanBody(element, mesh, QUADRATURE_DEGREE, calculix_energy)
 
     def set_displacements(time: float, displacement: Array) -> None:
-        travel = 10 * SLIDING_CELL_SIZE * max(0.0, time - 1)
-        displacement[is_top] = [travel, 0.0, -(GAP + SLIDING_DEPTH) * min(time, 1.0)]
+        displacement[:] = displace_sliding_block(bodies.x, time)
 
-    times = [(k + 1) / N_PRESSING_INCREMENTS for k in range(N_PRESSING_INCREMENTS)]
-    times += [1 + (k + 1) / N_SLIDING_INCREMENTS for k in range(N_SLIDING_INCREMENTS)]
-    record = solve_sliding_of_two_bodies(bodies, sides, set_displacements, (is_base, is_top), times)
+    moved = _mask_base_and_top(bodies)
+    record = solve_sliding_of_two_bodies(bodies, sides, set_displacements, moved, SLIDING_TIMES)
+    return bodies, record
+
+
+def slide(element: str) -> Result:
+    """Press a small block into a long one and slide it; measure forces and iterations.
+
+    Args:
+        element: Name of the element.
+    """
+    bodies, record = press_and_slide_block(element)
     sliding = SlidingHistory(
         record.states[N_PRESSING_INCREMENTS:],
         record.contact_law_violations[N_PRESSING_INCREMENTS:],
@@ -284,7 +323,31 @@ def slide(element: str) -> Result:
         "T_over_N": abs(force[-1, 0] / force[-1, 2]),
     }
     curves = {"N": force[:, 2], "T": np.abs(force[:, 0])}
-    return _make_dimensionless_result(scalars, curves, len(bodies.solution.x.array))
+    return make_dimensionless_result(scalars, curves, len(bodies.solution.x.array))
+
+
+def slide_by_calculix(element: str, case: str, tracked: str) -> Result:
+    """Slide the block with the energy of CalculiX, and compare its forces with CalculiX'.
+
+    Args:
+        element: Name of our element.
+        case: Name of the CalculiX input deck.
+        tracked: Digest that the stored solution must have.
+    """
+    peer = load_recorded_result_if_unchanged(case, tracked).numbers
+    bodies, record = press_and_slide_block(element, calculix_energy=True)
+    force = np.array([_pair(state).force for state in record.states])
+    ours = {"N": force[:, 2], "T": -force[:, 0]}
+    scalars = {}
+    for name in ("N", "T"):
+        scalars[f"{name}_difference"] = np.abs(ours[name] - peer[name]).max() / peer["N"].max()
+        for program, forces in (("", ours), ("calculix_", peer)):
+            steady = forces[name][N_PRESSING_INCREMENTS + N_STARTING_INCREMENTS :]
+            scalars |= {
+                f"{program}{name}": forces[name][-1],
+                f"{program}ripple_{name}": _measure_ripple(steady),
+            }
+    return make_dimensionless_result(scalars, {}, len(bodies.solution.x.array))
 
 
 def _measure_ripple(force: Array) -> float:
@@ -301,8 +364,7 @@ def flat(element: str, plane_strain: bool) -> Result:
         element: Name of the element.
         plane_strain: Whether displacements across the direction of sliding are zero.
     """
-    lower_lines, upper_lines = map(_divide_box, FLAT_BOXES, FLAT_CELLS)
-    mesh, sides = mesh_two_blocks_of_tetrahedra(lower_lines, upper_lines, (0.0, 0.0), GAP)
+    mesh, sides = _mesh_blocks(FLAT_GRIDS, (0.0, 0.0))
     bodies = NeoHookeanBody(element, mesh, QUADRATURE_DEGREE)
     is_base, is_top = _mask_base_and_top(bodies)
 
@@ -335,7 +397,7 @@ def flat(element: str, plane_strain: bool) -> Result:
         "slipping": min(float(np.mean(pair.status == SLIP)) for pair in pairs),
         "balance_error": record.largest_force_imbalance(),
     }
-    return _make_dimensionless_result(scalars, {}, len(bodies.solution.x.array))
+    return make_dimensionless_result(scalars, {}, len(bodies.solution.x.array))
 
 
 def _measure_friction_sum_error(pair: PairState) -> float:
@@ -352,18 +414,6 @@ def _measure_friction_sum_error(pair: PairState) -> float:
 # Hertz
 
 
-def _mesh_lines(elements_per_radius: float) -> tuple[Array, Array, float]:
-    """Return mesh lines across and into the body, and the extent of the part that may touch."""
-    size = 1 / (elements_per_radius + 0.375)
-    inner = size * np.arange(np.ceil(1.2 / size) + 1)
-    n_outer = int(np.ceil((HERTZ_SIZE - inner[-1]) / (2.5 * size)))
-    outwards = np.concatenate([inner, np.linspace(inner[-1], HERTZ_SIZE, n_outer + 1)[1:]])
-    horizontal = np.concatenate([-outwards[:0:-1], outwards])
-    n_depth = int(np.ceil(np.log1p(HERTZ_SIZE / size) / np.log(2)))
-    depth = HERTZ_SIZE * (2 ** np.arange(n_depth + 1) - 1) / (2**n_depth - 1)
-    return horizontal, depth, float(inner[-1])
-
-
 def hertz(element: str, elements_per_radius: float) -> Result:
     """Press a ball and a block, both rotated by 70°, together, and compare with Hertz.
 
@@ -377,8 +427,10 @@ def hertz(element: str, elements_per_radius: float) -> Result:
     exact = HertzSphere(body, 2 * BALL_RADIUS, force)
 
     gap = exact.approach
-    across, depth, extent = _mesh_lines(elements_per_radius)
-    block_across, block_depth, _ = _mesh_lines(elements_per_radius / BALL_OVER_BLOCK_CELLS)
+    across, depth, extent = mesh_lines_of_block_under_ball(elements_per_radius)
+    block_across, block_depth, _ = mesh_lines_of_block_under_ball(
+        elements_per_radius / BALL_OVER_BLOCK_CELLS
+    )
     lower_lines = block_across, block_across, -block_depth[::-1]
     mesh, sides = mesh_two_blocks_of_tetrahedra(
         lower_lines, (across, across, depth), (0.0, 1 / BALL_RADIUS), gap, extent
@@ -387,8 +439,8 @@ def hertz(element: str, elements_per_radius: float) -> Result:
     x = bodies.x
     is_ball = x[:, 2] > gap / 2
     z = np.where(is_ball, -(x[:, 2] - gap), x[:, 2])
-    is_outer = np.any(np.isclose(np.abs(x[:, :2]), HERTZ_SIZE), axis=1) | np.isclose(
-        np.abs(z), HERTZ_SIZE
+    is_outer = np.any(np.isclose(np.abs(x[:, :2]), BODY_SIZE), axis=1) | np.isclose(
+        np.abs(z), BODY_SIZE
     )
     # displacements of the press: the exact ones, mirrored in the ball, which also approaches
     pressing = np.zeros_like(x)
@@ -396,7 +448,7 @@ def hertz(element: str, elements_per_radius: float) -> Result:
         exact, np.column_stack([x[:, :2], np.minimum(z, 0.0)])[is_outer]
     )
     pressing[is_ball, 2] = -pressing[is_ball, 2] - (gap + 2 * exact.approach)
-    rotation = _rotation(ROTATION_DEGREES)
+    rotation = rotate_about_general_axis(ROTATION_DEGREES)
 
     def set_displacements(time: float, displacement: Array) -> None:
         displacement[:] = rotation.apply(x + time * pressing) - x
@@ -411,7 +463,8 @@ def hertz(element: str, elements_per_radius: float) -> Result:
         start_displacements=rotation.apply(x) - x,
     )
     state = record.states[-1]
-    weight = _integrate_weights_over_deformed_sides(bodies, state, sides)
+    bodies.solution.x.array[:] = state.displacement.array_r
+    weight = bodies.integrate_weights_over_deformed_sides(sides)
     pair, scalars = _pair(state), record.summarise_iterations()
     normal = rotation.apply([0.0, 0.0, 1.0])
     scalars["force_error"] = abs(float(pair.force @ normal) / force - 1)
@@ -435,11 +488,4 @@ def hertz(element: str, elements_per_radius: float) -> Result:
             f"radius_error{side}": float(abs(radius - 1)),
             f"pressure_error{side}": float(np.sqrt(np.mean(error**2))),
         }
-    return _make_dimensionless_result(scalars, {}, len(bodies.solution.x.array))
-
-
-def _make_dimensionless_result(
-    scalars: dict[str, float], curves: dict[str, Array], dofs: int
-) -> Result:
-    numbers = {name: float(value) for name, value in scalars.items()}
-    return Result(numbers, assign_unit_one_to_scalars(numbers), curves, dofs=dofs)
+    return make_dimensionless_result(scalars, {}, len(bodies.solution.x.array))

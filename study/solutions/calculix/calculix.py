@@ -1,8 +1,8 @@
 """Run CalculiX on the study's problems, and read recorded results of earlier runs.
 
 `python3 -m study.publish.renew_records 'calculix/*'` runs CalculiX on all problems and writes the
-record; with `--check` it compares the results with the record instead. This requires Python, NumPy
-and `ccx`, but not DOLFINx.
+record; with `--check` it compares the results with the record instead. This requires Python, NumPy,
+SciPy and `ccx`, but not DOLFINx.
 """
 
 import os

@@ -28,12 +28,24 @@ def read_tables_below_heading(output: str, heading_start: str) -> list[Array]:
 
 
 def read_nodal_values_by_block(output: str) -> dict[str, dict[int, list[float]]]:
-    """Read nodal values of a results file (.frd), by block name ("DISP", ...) and node number."""
+    """Read nodal values of a results file (.frd), by block name ("DISP", ...) and node number.
+
+    Of several blocks with the same name, the values of the last one are returned.
+    """
     blocks: dict[str, dict[int, list[float]]] = {}
+    for name, values in list_nodal_value_blocks(output):
+        blocks.setdefault(name, {}).update(values)
+    return blocks
+
+
+def list_nodal_value_blocks(output: str) -> list[tuple[str, dict[int, list[float]]]]:
+    """Read nodal values of a results file (.frd) as name and values by node of each block."""
+    blocks: list[tuple[str, dict[int, list[float]]]] = []
     block: dict[int, list[float]] | None = None
     for line in output.splitlines():
         if line.startswith(" -4"):
-            block = blocks.setdefault(line.split()[1], {})
+            block = {}
+            blocks.append((line.split()[1], block))
         elif line.startswith(" -3"):
             block = None
         elif line.startswith(" -1") and block is not None:

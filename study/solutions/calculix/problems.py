@@ -1,5 +1,11 @@
 """All problems that CalculiX solves for the study."""
 
+from study.solutions.calculix.blocks_in_space import (
+    PATCHES,
+    SLIDING_BLOCKS,
+    RotatedPatch,
+    SlidingBlock,
+)
 from study.solutions.calculix.cylinder import CYLINDERS, CylinderOnRubberBlock
 from study.solutions.calculix.decks import (
     BlockWithPrintedContactPressure,
@@ -26,6 +32,8 @@ Problem = (
     | HertzLineContact
     | CylinderOnRubberBlock
     | DieSlidingOnBlock
+    | RotatedPatch
+    | SlidingBlock
 )
 
 PROBLEMS: dict[str, Problem] = {
@@ -50,5 +58,7 @@ PROBLEMS: dict[str, Problem] = {
     **HERTZ_LINES,
     **CYLINDERS,
     **DIES,
+    **PATCHES,
+    **SLIDING_BLOCKS,
 }
 """Problems by the names of their recorded answers."""
