@@ -9,7 +9,7 @@ from dolfinx.mesh import Mesh, create_mesh, locate_entities_boundary
 
 from pw_elements._compat import cell_geometry_nodes
 from pw_elements.meshes import curved_mesh
-from study.meshes.mesh_lines import bend_end_of_block
+from study.meshes.mesh_lines import bend_end_of_block, mesh_lines_of_block_under_ball
 from study.meshes.solid_meshes import mesh_box_along_lines
 
 Array = npt.NDArray[np.float64]
@@ -84,3 +84,26 @@ def mesh_two_blocks_of_tetrahedra(
         return locate_entities_boundary(mesh, 2, is_on_side).astype(np.int64)
 
     return mesh, (find_facets(curvatures[1], gap, extent), find_facets(curvatures[0], 0.0, np.inf))
+
+
+def mesh_ball_on_block(
+    elements_per_radius: float, ball_over_block_elements: float, radius: float, gap: float
+) -> tuple[Mesh, tuple[Indices, Indices]]:
+    """Mesh a part of a ball above a block; lengths are relative to the contact radius.
+
+    Args:
+        elements_per_radius: Number of the ball's elements along the contact radius.
+        ball_over_block_elements: This number over that of the block.
+        radius: Radius of the ball.
+        gap: Initial gap.
+
+    Returns:
+        Mesh, and the facets of the slave (of the ball) and of the master.
+    """
+    across, depth, extent = mesh_lines_of_block_under_ball(elements_per_radius)
+    block_across, block_depth, _ = mesh_lines_of_block_under_ball(
+        elements_per_radius / ball_over_block_elements
+    )
+    lower_lines = block_across, block_across, -block_depth[::-1]
+    upper_lines = across, across, depth
+    return mesh_two_blocks_of_tetrahedra(lower_lines, upper_lines, (0.0, 1 / radius), gap, extent)

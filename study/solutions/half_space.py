@@ -168,6 +168,25 @@ def axisymmetric_displacement_in_space(
     return np.asarray(np.column_stack([radial, u[:, 1]]), dtype=np.float64)
 
 
+def displacement_of_pressed_half_spaces(
+    contact: "HertzSphere", x: Array, gap: float
+) -> npt.NDArray[np.float64]:
+    """Return displacements (n, 3) of a body below z = 0 and of one above z = gap, pressed together.
+
+    The upper body approaches; otherwise its displacements are those of the lower body, mirrored.
+
+    Args:
+        contact: Contact of the lower body with a rigid sphere, which deforms it equally.
+        x: Points (n, 3) of both bodies at least two contact radii from the middle of the contact.
+        gap: Initial distance of the bodies.
+    """
+    is_upper = x[:, 2] > gap / 2
+    z = np.where(is_upper, -(x[:, 2] - gap), x[:, 2])
+    u = axisymmetric_displacement_in_space(contact, np.column_stack([x[:, :2], np.minimum(z, 0.0)]))
+    u[is_upper, 2] = -u[is_upper, 2] - (gap + 2 * contact.approach)
+    return u
+
+
 @dataclass(frozen=True)
 class HertzLine:
     """Contact of a half plane with a rigid parabola of radius R under a force P per length."""

@@ -39,6 +39,23 @@ def drop_small_weights(weight: Array) -> Array:
     return np.where(weight > MIN_RELATIVE_WEIGHT * weight.max(), weight, 0.0)
 
 
+def compare_force_over_weight(force: Array, weight: Array, exact: Array) -> dict[str, float]:
+    """Return the largest relative error of nodal forces over weights, and of weightless nodes.
+
+    Args:
+        force: Normal forces (m,) of nodes whose whole patches are in contact.
+        weight: Integrals (m,) of their weight functions.
+        exact: Exact pressures (m,) at these nodes.
+    """
+    has_weight = weight > 0
+    pressure = force[has_weight] / weight[has_weight]
+    return {
+        "force_over_weight_error": float(np.abs(pressure / exact[has_weight] - 1).max()),
+        "weightless_nodes": float(np.mean(~has_weight)),
+        "weightless_force": float(np.abs(force[~has_weight]).max(initial=0.0) / force.mean()),
+    }
+
+
 def first_lame_constant_over_shear_modulus(poissons_ratio: float) -> float:
     """Return Lamé's first constant lambda divided by the shear modulus."""
     return 2 * poissons_ratio / (1 - 2 * poissons_ratio)

@@ -1,28 +1,76 @@
 """Test the exact solutions, meshes and measures of two bodies in space in section V18."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from dolfinx.fem import locate_dofs_topological
 from dolfinx.mesh import compute_midpoints
 
 from study.benchmarks.v17_bodies.problems import SlidingHistory
 from study.benchmarks.v18_bodies_in_space import problems
 from study.meshes.two_body_meshes import mesh_two_blocks_of_tetrahedra
-from study.solutions.rubber import POISSONS_RATIO
+from study.solutions.calculix import blocks_in_space
+from study.solutions.calculix.blocks_in_space import (
+    PATCHES,
+    SLIDING_BLOCKS,
+    solve_uniaxial_stress,
+)
+from study.solutions.calculix.blocks_in_space_forces import (
+    compare_calculix_nodal_forces_with_exact,
+    mesh_blocks,
+)
+from study.solutions.calculix.cylinder import BULK_MODULUS
+from study.solutions.rubber import POISSONS_RATIO, NeoHookeanBody, compare_force_over_weight
 
 
-def strain_energy(stretches):
-    lame = 2 * POISSONS_RATIO / (1 - 2 * POISSONS_RATIO)
-    logarithm = np.log(np.prod(stretches))
+def strain_energy(stretches, lame):
+    volume_ratio = np.prod(stretches)
+    if lame is None:  # the energy of CalculiX
+        distortion = volume_ratio ** (-2 / 3) * np.sum(np.square(stretches)) - 3
+        return distortion / 2 + BULK_MODULUS / 2 * (volume_ratio - 1) ** 2
+    logarithm = np.log(volume_ratio)
     return (np.sum(np.square(stretches)) - 3) / 2 - logarithm + lame / 2 * logarithm**2
 
 
-def test_uniaxial_stress_follows_from_the_derivatives_of_the_energy():
-    stretches, pressure = problems._deformation_of_uniaxial_stress(0.9)
+@pytest.mark.parametrize("lame", [2 * POISSONS_RATIO / (1 - 2 * POISSONS_RATIO), None])
+def test_uniaxial_stress_follows_from_the_derivatives_of_the_energy(lame):
+    stretches, pressure = solve_uniaxial_stress(0.9, lame)
     assert stretches[2] == 0.9
     step = 1e-6 * np.eye(3)
-    nominal = [(strain_energy(stretches + d) - strain_energy(stretches - d)) / 2e-6 for d in step]
+    nominal = [
+        (strain_energy(stretches + d, lame) - strain_energy(stretches - d, lame)) / 2e-6
+        for d in step
+    ]
     assert nominal[:2] == pytest.approx([0.0, 0.0], abs=1e-9)
     assert pressure == pytest.approx(-nominal[2] / stretches[0] ** 2, rel=1e-8)
+
+
+@pytest.mark.parametrize("case", [*PATCHES, *SLIDING_BLOCKS])
+def test_calculix_has_the_nodes_and_sides_of_our_mesh(case):
+    problem = (PATCHES | SLIDING_BLOCKS)[case]
+    mesh, (slave, master) = mesh_blocks(problem.grids, problem.curvatures)
+    bodies = NeoHookeanBody("galerkin-T10", mesh, 2, calculix_energy=True)
+    node = bodies.find_nodes(problem.nodes)
+    assert sorted(node) == list(range(len(bodies.x)))
+    slave_faces, master_faces = problem.slave_and_master_faces
+    assert (len(slave_faces), len(master_faces)) == (len(slave), len(master))
+    space = bodies.displacements.space
+    slave_nodes = locate_dofs_topological(space, 2, slave.astype(np.int32))
+    assert sorted(slave_nodes) == sorted(node[problem.slave_nodes - 1])
+    with pytest.raises(ValueError, match="from the nearest node"):
+        bodies.find_nodes(problem.nodes + 0.001)
+
+
+def test_nodal_forces_of_uniform_displacement_gradients_have_the_exact_resultant():
+    """The displacements are those of uniaxial stress, without the gap."""
+    problem = PATCHES["patch-in-space-flat-surface"]
+    stretches, _ = solve_uniaxial_stress(problems.PATCH_STRETCH)
+    x = problem.nodes[problem.nodes_of_elements_at_contact - 1]
+    displacement = ((stretches - 1) * x).ravel()
+    errors = compare_calculix_nodal_forces_with_exact(problem, displacement)
+    assert errors["force_over_weight_error"] < 1e-9
+    assert errors["weightless_force"] < 1e-9
 
 
 def test_sides_of_two_blocks_belong_to_the_right_block_and_lie_on_their_paraboloids():
@@ -50,15 +98,18 @@ def test_slave_ends_at_the_given_extent():
 
 @pytest.fixture
 def small_patch(monkeypatch):
-    monkeypatch.setattr(problems, "PATCH_CELLS", ((1, 1, 1), (2, 2, 1)))
-    monkeypatch.setattr(problems, "N_ROTATION_INCREMENTS", 2)
-    monkeypatch.setattr(problems, "ROTATION_DEGREES", 30.0)
+    cells = ((1, 1, 1), (2, 2, 1))
+    grids = [replace(g, divisions=n) for g, n in zip(problems.PATCH_GRIDS, cells, strict=True)]
+    monkeypatch.setattr(problems, "PATCH_GRIDS", grids)
+    monkeypatch.setattr(problems, "PATCH_TIMES", [0.5, 1.0, 1.5, 2.0])
+    for module in (problems, blocks_in_space):
+        monkeypatch.setattr(module, "ROTATION_DEGREES", 30.0)
 
 
 @pytest.mark.usefixtures("small_patch")
 def test_forces_of_a_rotated_patch_add_up_to_pressure_times_area():
     result = problems.patch("pw-T10", 0.0)
-    stretches, pressure = problems._deformation_of_uniaxial_stress(problems.PATCH_STRETCH)
+    stretches, pressure = solve_uniaxial_stress(problems.PATCH_STRETCH, problems.LAME)
     for side in ("", "_master"):
         total = result.curves[f"force{side}"].sum()
         assert total == pytest.approx(pressure * stretches[0] ** 2, rel=1e-9)
@@ -78,7 +129,7 @@ def test_only_the_new_element_has_even_pressures_in_a_small_patch():
 
 def test_pressures_are_compared_at_nodes_with_weight_only():
     force, weight = np.array([2.0, 1.2, 0.1]), np.array([1.0, 0.5, 0.0])
-    measured = problems._compare_force_over_weight(force, weight, np.full(3, 2.0))
+    measured = compare_force_over_weight(force, weight, np.full(3, 2.0))
     assert measured["force_over_weight_error"] == pytest.approx(0.2)
     assert measured["weightless_nodes"] == pytest.approx(1 / 3)
     assert measured["weightless_force"] == pytest.approx(0.1 / 1.1)

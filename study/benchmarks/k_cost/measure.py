@@ -19,7 +19,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterable, Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import cache
 from pathlib import Path
 
@@ -36,6 +36,7 @@ from study.benchmarks.k_cost.tasks import (
 )
 from study.run import records
 from study.solutions.calculix import calculix
+from study.solutions.calculix.blocks_in_space import SLIDING_BLOCKS, SlidingBlock
 from study.solutions.calculix.grids import Grid
 from study.solutions.calculix.output import Array, CalculixError
 from study.solutions.calculix.standard_decks import (
@@ -111,6 +112,13 @@ def list_measurements() -> Iterator[Measurement]:
         ("triangle6", FELUPE),
     ):
         yield Measurement("peer-rubber", element, 16, method)
+    for element, method in (
+        ("pw-T10", "Direct"),
+        ("galerkin-T10", "Direct"),
+        ("C3D10", f"{CALCULIX}-surface"),
+        ("C3D10", f"{CALCULIX}-mortar"),
+    ):
+        yield Measurement("peer-sliding", element, 1, method)
 
 
 # Record
@@ -234,6 +242,15 @@ def _measure_in_this_process_and_print(measurement: Measurement) -> None:
     if measurement.peer == CALCULIX:
         calculix_path = calculix.find_calculix()
         assert calculix_path is not None
+        if measurement.task == "peer-sliding":
+            kind = measurement.method.removeprefix(f"{CALCULIX}-")
+            block = SLIDING_BLOCKS[f"block-sliding-in-space-{kind}"]
+            block = replace(block, sliding_elements=measurement.cells)
+            cost, answer = run_and_measure_calculix(calculix_path, block)
+            cost["increments"] = block.increments * len(block.times)
+            cost |= {"normal": answer["N"][-1], "tangential": answer["T"][-1]}
+            print(json.dumps(cost))
+            return
         by_nodes = measurement.method != CALCULIX
         problem = make_calculix_block_on_rough_plane(measurement.cells, by_nodes)
         cost, answer = run_and_measure_calculix(calculix_path, problem)
@@ -308,7 +325,7 @@ def measure_calculix_run(calculix_path: str, problem: BlockOnRoughRigidPlane) ->
 
 
 def run_and_measure_calculix(
-    calculix_path: str, problem: BlockOnRoughRigidPlane
+    calculix_path: str, problem: BlockOnRoughRigidPlane | SlidingBlock
 ) -> tuple[dict[str, float], dict[str, Array]]:
     """Run CalculiX once; return the measured quantities and the numbers that it printed.
 
@@ -327,9 +344,11 @@ def run_and_measure_calculix(
         calculix.check_calculix_finished(status, output_path.read_text())
         increments = Path(folder, "job.sta").read_text().splitlines()[2:]
         iterations = sum(int(line.split()[3]) for line in increments)
-        answer = problem.read_numbers(Path(folder, "job.dat").read_text())
+        suffix = getattr(problem, "output_suffix", ".dat")
+        answer = problem.read_numbers(Path(folder, f"job{suffix}").read_text())
+    nodes = problem.nodes if isinstance(problem, SlidingBlock) else problem.grid.nodes
     cost = {
-        "dofs": 3 * len(problem.grid.nodes),
+        "dofs": 3 * len(nodes),
         "iterations": iterations,
         "megabytes": usage.ru_maxrss / 1024,
         "whole_seconds": usage.ru_utime + usage.ru_stime,

@@ -43,13 +43,16 @@ class Measurement:
             clamped block; "contact" (the block on a rough plane); "bodies" (a block on another);
             "pieces" (loose cubes on a plane); "sliding" (a rough ball pressed into rubber and moved
             along it, at large strains); "incompressible" (the clamped block with a pressure field);
-            "linear" (the clamped block by the solver of contact problems); "peer-block" and
-            "peer-rubber" (a block on a rough plane, and rubber ironed by a rough cylinder, both
-            compared with another program).
+            "linear" (the clamped block by the solver of contact problems); "peer-block",
+            "peer-rubber" and "peer-sliding" (a block on a rough plane, rubber ironed by a rough
+            cylinder, and the block of section V18 that slides on another, all compared with another
+            program).
         element: Element of the study or of the other program.
-        cells: Number of cells along the height of the (lower) block; for "pieces", number of cubes.
+        cells: Number of cells along the height of the (lower) block; for "pieces", number of cubes;
+            for "peer-sliding", number of elements over which the block slides.
         method: "Direct", "Iterative", "compared" (both, to compute their difference), or the other
-            program: "CalculiX", "CalculiX-nodes" (by node-to-surface contact) or "felupe".
+            program: "CalculiX", "CalculiX-surface", "CalculiX-nodes" or "CalculiX-mortar" (by
+            surface-to-surface, node-to-surface or mortar contact) or "felupe".
         processes: Number of MPI processes.
     """
 
@@ -84,7 +87,7 @@ class Measurement:
 CALCULIX, FELUPE = "CalculiX", "felupe"
 PEERS = (CALCULIX, FELUPE)
 """Other programs; the methods of their measurements begin with these names."""
-PEER_OF_TASK = {"peer-block": CALCULIX, "peer-rubber": FELUPE}
+PEER_OF_TASK = {"peer-block": CALCULIX, "peer-rubber": FELUPE, "peer-sliding": CALCULIX}
 """Other program with which the library is compared, by task."""
 
 # Tasks
@@ -697,6 +700,24 @@ def measure_rubber_for_comparison(measurement: Measurement) -> dict[str, float]:
     }
 
 
+def measure_sliding_block_for_comparison(measurement: Measurement) -> dict[str, float]:
+    """Measure the block of section V18 that slides on another one, with the energy of CalculiX."""
+    from study.benchmarks.v18_bodies_in_space.problems import press_and_slide_block
+
+    (bodies, record), seconds = time_cpu(
+        lambda: press_and_slide_block(measurement.element, True, measurement.cells)
+    )
+    (last,) = record.states[-1].pairs
+    return {
+        "dofs": bodies.x.size,
+        "seconds": seconds,
+        "increments": len(record.states),
+        "iterations": sum(state.iterations for state in record.states),
+        "normal": float(last.force[2]),
+        "tangential": float(-last.force[0]),
+    }
+
+
 def measure_felupe(measurement: Measurement) -> dict[str, float]:
     """Measure the same block of rubber with felupe."""
     from study.solutions.felupe import cylinder
@@ -739,5 +760,6 @@ TASKS: dict[str, Callable[[Measurement], dict[str, float]]] = {
     "linear": measure_multigrid_set_up_and_solutions,
     "peer-block": measure_block_for_comparison,
     "peer-rubber": measure_rubber_for_comparison,
+    "peer-sliding": measure_sliding_block_for_comparison,
 }
 """Function that performs each task, by the name of the task in the record."""

@@ -1,13 +1,7 @@
 """Problems of two deformable bodies of tetrahedra that slide on each other at large strains."""
 
-from collections.abc import Sequence
-from functools import partial
-
 import numpy as np
-from dolfinx.mesh import Mesh
-from scipy.spatial.transform import Rotation
 
-from pw_elements import Spaces, SurfaceNodes
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.contact import SLIP
 from pw_elements.contact.interface import gather_boundary_facets
@@ -19,8 +13,8 @@ from study.benchmarks.v17_bodies.problems import (
     measure_relative_moment,
     solve_sliding_of_two_bodies,
 )
-from study.meshes.mesh_lines import BODY_SIZE, mesh_lines_of_block_under_ball
-from study.meshes.two_body_meshes import mesh_two_blocks_of_tetrahedra
+from study.meshes.mesh_lines import BODY_SIZE
+from study.meshes.two_body_meshes import mesh_ball_on_block
 from study.run.store import Result
 from study.solutions.calculix.blocks_in_space import (
     GAP,
@@ -32,13 +26,19 @@ from study.solutions.calculix.blocks_in_space import (
     ROTATION_DEGREES,
     SLIDING_CURVATURE,
     SLIDING_GRIDS,
-    SLIDING_TIMES,
-    RotatedPatch,
     displace_patch,
     displace_sliding_block,
     exact_patch_normals_and_pressures,
+    list_sliding_times,
     rotate_about_general_axis,
     solve_uniaxial_stress,
+)
+from study.solutions.calculix.blocks_in_space_forces import (
+    QUADRATURE_DEGREE,
+    compare_calculix_nodal_forces_with_exact,
+    compare_patch_with_exact,
+    measure_change_by_rotation,
+    mesh_blocks,
 )
 from study.solutions.calculix.calculix import load_recorded_result_if_unchanged
 from study.solutions.calculix.die import FRICTION
@@ -46,17 +46,16 @@ from study.solutions.calculix.grids import Grid
 from study.solutions.half_space import (
     ElasticHalfSpace,
     HertzSphere,
-    axisymmetric_displacement_in_space,
+    displacement_of_pressed_half_spaces,
 )
 from study.solutions.rubber import (
     POISSONS_RATIO,
     NeoHookeanBody,
-    drop_small_weights,
+    compare_force_over_weight,
     first_lame_constant_over_shear_modulus,
 )
 
-# Stresses relative to the shear modulus
-QUADRATURE_DEGREE = 2
+# Stresses are relative to the shear modulus
 LAME = first_lame_constant_over_shear_modulus(POISSONS_RATIO)
 N_STARTING_INCREMENTS = 6
 """Number of increments of sliding before the force is steady."""
@@ -76,19 +75,6 @@ INNER_RADIUS = 0.8
 """Distance from the axis up to which pressures are compared."""
 
 
-def _mesh_blocks(
-    grids: Sequence[Grid], curvatures: tuple[float, float]
-) -> tuple[Mesh, tuple[Indices, Indices]]:
-    lower, upper = (
-        [
-            np.linspace(*ends[:2], ends[2] + 1)
-            for ends in zip(g.lower, g.upper, g.divisions, strict=True)
-        ]
-        for g in grids
-    )
-    return mesh_two_blocks_of_tetrahedra(lower, upper, curvatures, GAP)
-
-
 def _mask_base_and_top(bodies: NeoHookeanBody) -> tuple[Mask, Mask]:
     z = bodies.x[:, 2]
     return np.isclose(z, z.min()), np.isclose(z, z.max())
@@ -98,30 +84,13 @@ def _pair(state: ContactState) -> PairState:
     return state.pairs[0]
 
 
-def _compare_force_over_weight(force: Array, weight: Array, exact: Array) -> dict[str, float]:
-    """Return the largest relative error of nodal forces over weights, and of weightless nodes.
-
-    Args:
-        force: Normal forces (m,) of nodes whose whole patches are in contact.
-        weight: Integrals (m,) of their weight functions.
-        exact: Exact pressures (m,) at these nodes.
-    """
-    has_weight = weight > 0
-    pressure = force[has_weight] / weight[has_weight]
-    return {
-        "force_over_weight_error": float(np.abs(pressure / exact[has_weight] - 1).max()),
-        "weightless_nodes": float(np.mean(~has_weight)),
-        "weightless_force": float(np.abs(force[~has_weight]).max(initial=0.0) / force.mean()),
-    }
-
-
 # Patch
 
 
 def _press_and_rotate_patch(
     element: str, curvature: float, lame: float | None
 ) -> tuple[NeoHookeanBody, tuple[Indices, Indices], SlidingHistory]:
-    mesh, sides = _mesh_blocks(PATCH_GRIDS, (curvature, curvature))
+    mesh, sides = mesh_blocks(PATCH_GRIDS, (curvature, curvature))
     bodies = NeoHookeanBody(element, mesh, QUADRATURE_DEGREE, calculix_energy=lame is None)
 
     def set_displacements(time: float, displacement: Array) -> None:
@@ -130,33 +99,6 @@ def _press_and_rotate_patch(
     moved = _mask_base_and_top(bodies)
     record = solve_sliding_of_two_bodies(bodies, sides, set_displacements, moved, PATCH_TIMES)
     return bodies, sides, record
-
-
-def _compare_patch_with_exact(
-    bodies: NeoHookeanBody,
-    sides: tuple[Indices, Indices],
-    state: ContactState,
-    curvature: float,
-    lame: float | None,
-    degrees: float,
-) -> tuple[dict[str, float], dict[str, Array]]:
-    """Return errors of force over weight on both sides, and curves of forces and exact values."""
-    bodies.solution.x.array[:] = state.displacement.array_r
-    weight = bodies.integrate_weights_over_deformed_sides(sides)
-    pair, rotation = _pair(state), rotate_about_general_axis(degrees)
-    scalars: dict[str, float] = {}
-    curves: dict[str, Array] = {}
-    for side, node, force in (
-        ("", pair.node, -pair.force_vector),
-        ("_master", pair.opposite_node, pair.opposite_force),
-    ):
-        normal, exact = exact_patch_normals_and_pressures(bodies.x[node], curvature, lame)
-        normal_force = -np.sum(force * rotation.apply(normal), axis=1)
-        errors = _compare_force_over_weight(normal_force, weight[node], exact)
-        scalars |= {name + side: value for name, value in errors.items()}
-        curves |= {f"x{side}": bodies.x[node, :2], f"force{side}": normal_force}
-        curves |= {f"weight{side}": weight[node], f"exact{side}": exact}
-    return scalars, curves
 
 
 def patch(element: str, curvature: float) -> Result:
@@ -169,11 +111,11 @@ def patch(element: str, curvature: float) -> Result:
     bodies, sides, record = _press_and_rotate_patch(element, curvature, LAME)
     pressed, last = record.states[1], record.states[-1]
     rotation = rotate_about_general_axis(ROTATION_DEGREES)
-    errors, curves = _compare_patch_with_exact(
+    errors, curves = compare_patch_with_exact(
         bodies, sides, last, curvature, LAME, ROTATION_DEGREES
     )
     scalars = record.summarise_iterations() | {
-        "objectivity_error": _measure_change_by_rotation(_pair(pressed), _pair(last), rotation),
+        "objectivity_error": measure_change_by_rotation(_pair(pressed), _pair(last), rotation),
         "balance_error": record.largest_force_imbalance(),
         "moment_error": max(measure_relative_moment(bodies, state) for state in record.states),
         "pressure": solve_uniaxial_stress(PATCH_STRETCH, LAME)[1],
@@ -192,64 +134,29 @@ def patch_by_calculix(element: str, case: str, tracked: str) -> Result:
         tracked: Digest that the stored solution must have.
     """
     problem, numbers = PATCHES[case], load_recorded_result_if_unchanged(case, tracked).numbers
-    bodies, sides, record = _press_and_rotate_patch(element, problem.curvature, None)
+    curvature, slave = problem.curvature, problem.nodes[problem.slave_nodes - 1]
+    bodies, sides, record = _press_and_rotate_patch(element, curvature, None)
     stretches, pressure = solve_uniaxial_stress(PATCH_STRETCH)
-    _, exact = exact_patch_normals_and_pressures(
-        problem.nodes[problem.slave_nodes - 1], problem.curvature, None
-    )
-    scalars = {}
+    total = pressure * stretches[0] ** 2
+    _, exact = exact_patch_normals_and_pressures(slave, curvature)
+    scalars: dict[str, float] = {}
     for suffix, state, degrees in (
         ("", record.states[1], 0.0),
         ("_rotated", record.states[-1], ROTATION_DEGREES),
     ):
-        errors, _ = _compare_patch_with_exact(
-            bodies, sides, state, problem.curvature, None, degrees
-        )
-        scalars |= {
-            f"pressure_error{suffix}": errors["force_over_weight_error"],
-            f"pressure_error_master{suffix}": errors["force_over_weight_error_master"],
-            f"calculix_pressure_error{suffix}": np.abs(
-                numbers[f"pressure{suffix}"] / exact - 1
-            ).max(),
-        }
-        for name, force in (("", _pair(state).force), ("calculix_", numbers[f"force{suffix}"])):
-            error = np.linalg.norm(force) / (pressure * stretches[0] ** 2) - 1
-            scalars[f"{name}force_error{suffix}"] = abs(error)
-    errors = _compare_calculix_nodal_forces_with_exact(problem, numbers["displacement"])
+        _, ours = compare_patch_with_exact(bodies, sides, state, curvature, None, degrees)
+        for program, force, error in (
+            ("", _pair(state).force, ours["force"] / ours["weight"] / ours["exact"] - 1),
+            ("calculix_", numbers[f"force{suffix}"], numbers[f"pressure{suffix}"] / exact - 1),
+        ):
+            scalars |= {
+                f"{program}force_error{suffix}": abs(np.linalg.norm(force) / total - 1),
+                f"{program}largest_error{suffix}": np.abs(error).max(),
+                f"{program}median_error{suffix}": np.median(np.abs(error)),
+            }
+    errors = compare_calculix_nodal_forces_with_exact(problem, numbers["displacement"])
     scalars |= {f"calculix_{name}": value for name, value in errors.items()}
     return make_dimensionless_result(scalars, {}, len(bodies.solution.x.array))
-
-
-def _compare_calculix_nodal_forces_with_exact(
-    problem: RotatedPatch, displacement: Array
-) -> dict[str, float]:
-    """Return errors of the forces of the standard element on the slave of the pressed patch.
-
-    Args:
-        problem: Problem that CalculiX has solved.
-        displacement: Displacements (3 k,) of its `nodes_of_elements_at_contact`.
-    """
-    mesh, sides = _mesh_blocks(PATCH_GRIDS, problem.curvatures)
-    bodies = NeoHookeanBody("galerkin-T10", mesh, QUADRATURE_DEGREE, calculix_energy=True)
-    moved, slave = problem.nodes_of_elements_at_contact - 1, problem.slave_nodes - 1
-    u = bodies.solution.x.array.reshape(-1, 3)
-    u[bodies.find_nodes(problem.nodes[moved])] = displacement.reshape(-1, 3)
-    node = bodies.find_nodes(problem.nodes[slave])
-    normal, exact = exact_patch_normals_and_pressures(bodies.x[node], problem.curvature, None)
-    force = np.sum(bodies.nodal_forces()[node] * normal, axis=1)
-    weight = bodies.integrate_weights_over_deformed_sides(sides)[node]
-    return _compare_force_over_weight(force, weight, exact)
-
-
-def _measure_change_by_rotation(before: PairState, after: PairState, rotation: Rotation) -> float:
-    """Return the largest change of forces, over the largest force, and of gaps, over `GAP`."""
-    changes = [
-        rotation.inv().apply(after.force_vector) - before.force_vector,
-        rotation.inv().apply(after.opposite_force) - before.opposite_force,
-    ]
-    largest = np.abs(before.force_vector).max()
-    gap_change = np.abs(after.gap - before.gap).max() / GAP
-    return float(max(gap_change, *(np.abs(change).max() / largest for change in changes)))
 
 
 def transfer(element: str, method: str) -> Result:
@@ -259,20 +166,16 @@ def transfer(element: str, method: str) -> Result:
         element: Standard element.
         method: Method of section V11, "p2-dual" for dual quadratic multipliers.
     """
-    mesh, sides = _mesh_blocks(PATCH_GRIDS, (0.0, 0.0))
+    mesh, sides = mesh_blocks(PATCH_GRIDS, (0.0, 0.0))
     bodies = NeoHookeanBody(element, mesh, QUADRATURE_DEGREE)
     space = bodies.solution.function_space
     slave, master = (gather_boundary_facets(space, side.astype(np.int32)) for side in sides)
     coupling = integrate_mortar_coupling_of_multipliers(method, slave, master, len(bodies.x), 1.0)
     force = np.asarray(coupling.forces.T @ np.ones(len(slave.nodes)))
-    make_weights = partial(SurfaceNodes.from_scalar_spaces, Spaces.galerkin(mesh, 0))
+    weight = bodies.integrate_weights_over_deformed_sides(sides)
     scalars = {"balance_error": float(abs(force.sum()) / force[slave.nodes].sum())}
-    for name, side, sign in (("", sides[0], 1.0), ("_master", sides[1], -1.0)):
-        surface = make_weights(side.astype(np.int32))
-        weight = drop_small_weights(surface.weight_area)
-        errors = _compare_force_over_weight(
-            sign * force[surface.node], weight, np.ones_like(weight)
-        )
+    for name, nodes, sign in (("", slave.nodes, 1.0), ("_master", master.nodes, -1.0)):
+        errors = compare_force_over_weight(sign * force[nodes], weight[nodes], np.ones(len(nodes)))
         scalars |= {scalar + name: value for scalar, value in errors.items()}
     return make_dimensionless_result(scalars, {}, 3 * len(bodies.x))
 
@@ -281,22 +184,23 @@ def transfer(element: str, method: str) -> Result:
 
 
 def press_and_slide_block(
-    element: str, calculix_energy: bool = False
+    element: str, calculix_energy: bool = False, n_elements: int = 10
 ) -> tuple[NeoHookeanBody, SlidingHistory]:
-    """Press a small block into a long one and slide it over ten of its elements.
+    """Press a small block into a long one and slide it over some of its elements.
 
     Args:
         element: Name of the element.
         calculix_energy: Whether to use CalculiX' strain energy.
+        n_elements: Number of elements to slide over, at most 10.
     """
-    mesh, sides = _mesh_blocks(SLIDING_GRIDS, (0.0, SLIDING_CURVATURE))
+    mesh, sides = mesh_blocks(SLIDING_GRIDS, (0.0, SLIDING_CURVATURE))
     bodies = NeoHookeanBody(element, mesh, QUADRATURE_DEGREE, calculix_energy)
 
     def set_displacements(time: float, displacement: Array) -> None:
         displacement[:] = displace_sliding_block(bodies.x, time)
 
-    moved = _mask_base_and_top(bodies)
-    record = solve_sliding_of_two_bodies(bodies, sides, set_displacements, moved, SLIDING_TIMES)
+    moved, times = _mask_base_and_top(bodies), list_sliding_times(n_elements)
+    record = solve_sliding_of_two_bodies(bodies, sides, set_displacements, moved, times)
     return bodies, record
 
 
@@ -338,7 +242,7 @@ def slide_by_calculix(element: str, case: str, tracked: str) -> Result:
     bodies, record = press_and_slide_block(element, calculix_energy=True)
     force = np.array([_pair(state).force for state in record.states])
     ours = {"N": force[:, 2], "T": -force[:, 0]}
-    scalars = {}
+    scalars: dict[str, float] = {}
     for name in ("N", "T"):
         scalars[f"{name}_difference"] = np.abs(ours[name] - peer[name]).max() / peer["N"].max()
         for program, forces in (("", ours), ("calculix_", peer)):
@@ -364,7 +268,7 @@ def flat(element: str, plane_strain: bool) -> Result:
         element: Name of the element.
         plane_strain: Whether displacements across the direction of sliding are zero.
     """
-    mesh, sides = _mesh_blocks(FLAT_GRIDS, (0.0, 0.0))
+    mesh, sides = mesh_blocks(FLAT_GRIDS, (0.0, 0.0))
     bodies = NeoHookeanBody(element, mesh, QUADRATURE_DEGREE)
     is_base, is_top = _mask_base_and_top(bodies)
 
@@ -427,27 +331,13 @@ def hertz(element: str, elements_per_radius: float) -> Result:
     exact = HertzSphere(body, 2 * BALL_RADIUS, force)
 
     gap = exact.approach
-    across, depth, extent = mesh_lines_of_block_under_ball(elements_per_radius)
-    block_across, block_depth, _ = mesh_lines_of_block_under_ball(
-        elements_per_radius / BALL_OVER_BLOCK_CELLS
-    )
-    lower_lines = block_across, block_across, -block_depth[::-1]
-    mesh, sides = mesh_two_blocks_of_tetrahedra(
-        lower_lines, (across, across, depth), (0.0, 1 / BALL_RADIUS), gap, extent
-    )
+    mesh, sides = mesh_ball_on_block(elements_per_radius, BALL_OVER_BLOCK_CELLS, BALL_RADIUS, gap)
     bodies = NeoHookeanBody(element, mesh, QUADRATURE_DEGREE)
     x = bodies.x
-    is_ball = x[:, 2] > gap / 2
-    z = np.where(is_ball, -(x[:, 2] - gap), x[:, 2])
-    is_outer = np.any(np.isclose(np.abs(x[:, :2]), BODY_SIZE), axis=1) | np.isclose(
-        np.abs(z), BODY_SIZE
-    )
-    # displacements of the press: the exact ones, mirrored in the ball, which also approaches
+    is_lateral = np.any(np.isclose(np.abs(x[:, :2]), BODY_SIZE), axis=1)
+    is_outer = np.any([is_lateral, *_mask_base_and_top(bodies)], axis=0)
     pressing = np.zeros_like(x)
-    pressing[is_outer] = axisymmetric_displacement_in_space(
-        exact, np.column_stack([x[:, :2], np.minimum(z, 0.0)])[is_outer]
-    )
-    pressing[is_ball, 2] = -pressing[is_ball, 2] - (gap + 2 * exact.approach)
+    pressing[is_outer] = displacement_of_pressed_half_spaces(exact, x[is_outer], gap)
     rotation = rotate_about_general_axis(ROTATION_DEGREES)
 
     def set_displacements(time: float, displacement: Array) -> None:

@@ -2,7 +2,7 @@
 
 This module does not need DOLFINx. Both blocks have the strain energy of
 `study.solutions.calculix.cylinder`, and C3D10 elements on the meshes of section V18. Contact is
-surface-to-surface with a penalty; the upper block is the slave.
+surface-to-surface with a penalty, or by CalculiX' mortar method; the upper block is the slave.
 """
 
 from abc import ABC, abstractmethod
@@ -24,6 +24,7 @@ from study.solutions.calculix.decks import (
 from study.solutions.calculix.die import FRICTION
 from study.solutions.calculix.grids import Grid
 from study.solutions.calculix.output import Array, list_nodal_value_blocks
+from study.solutions.calculix.two_bodies import MORTAR, SURFACE_TO_SURFACE
 
 Indices = npt.NDArray[np.int64]
 
@@ -122,6 +123,15 @@ def displace_patch(x: Array, time: float, lame: float | None = None) -> Array:
     return np.asarray(rotation.apply(stretches * closed) - x)
 
 
+def list_sliding_times(n_elements: int) -> list[float]:
+    """Return the times of `SLIDING_TIMES` up to the end of a path of some elements.
+
+    Args:
+        n_elements: Number of the small block's elements over which it slides, at most 10.
+    """
+    return SLIDING_TIMES[: N_PRESSING_INCREMENTS + n_elements * N_SLIDING_INCREMENTS // 10]
+
+
 def displace_sliding_block(x: Array, time: float) -> Array:
     """Return the displacements (n, 3) of base and top of the sliding block and the long one.
 
@@ -131,7 +141,7 @@ def displace_sliding_block(x: Array, time: float) -> Array:
     """
     travel = 10 * SLIDING_CELL_SIZE * max(0.0, time - 1)
     is_top = np.isclose(x[:, 2], x[:, 2].max())
-    return np.outer(is_top, [travel, 0.0, -(GAP + SLIDING_DEPTH) * min(time, 1.0)])
+    return np.asarray(np.outer(is_top, [travel, 0.0, -(GAP + SLIDING_DEPTH) * min(time, 1.0)]))
 
 
 @dataclass(frozen=True)
@@ -139,11 +149,13 @@ class BlocksInSpace(ABC):
     """Two blocks whose base and top are moved.
 
     Args:
-        increments: Number of CalculiX' increments for each increment of section V18.
+        contact_formulation: CalculiX' name of the contact formulation.
+        increments: Least number of CalculiX' increments for each increment of section V18.
         penalty: Pressure over penetration, in units of shear modulus / length.
         stick_slope: Shear traction over slip.
     """
 
+    contact_formulation: str
     increments: int
     penalty: float = 1e3
     stick_slope: float = 1e2
@@ -178,6 +190,16 @@ class BlocksInSpace(ABC):
         )
         return np.concatenate([lower, upper + np.array([0.0, 0.0, GAP])])
 
+    @property
+    def node_points(self) -> list[tuple[float, ...]]:
+        """Coordinates of all nodes as tuples of Python floats."""
+        return [tuple(float(part) for part in x) for x in self.nodes]
+
+    @property
+    def element_nodes(self) -> list[list[int]]:
+        """Node numbers of all elements as Python integers."""
+        return [[int(node) for node in cell] for cell in self.elements]
+
     @cached_property
     def elements(self) -> Indices:
         """Node numbers (n_elements, 10) of all elements; element k is row k - 1."""
@@ -209,10 +231,11 @@ class BlocksInSpace(ABC):
         slave, master = self.slave_and_master_faces
         moved = np.concatenate(self.base_and_top)
         step_lines: list[str] = []
+        size = 1 / self.increments
         for time in self.times:
             displacement = self.displace_base_and_top(time)
             step_lines += [
-                f"*STEP,NLGEOM,INC=1000\n*STATIC\n{1 / self.increments},1.,1e-6",
+                f"*STEP,NLGEOM,INC=1000\n*STATIC\n{size},1.,1e-6,{size}",
                 "*BOUNDARY",
                 *(
                     join_with_commas([int(k), i + 1, i + 1, _round_displacement(u)])
@@ -226,12 +249,12 @@ class BlocksInSpace(ABC):
                 "*NODE,NSET=ALL",
                 *(
                     join_with_commas([k, *map(round_to_12_significant_digits, x)])
-                    for k, x in enumerate(self.nodes.tolist(), start=1)
+                    for k, x in enumerate(self.node_points, start=1)
                 ),
                 "*ELEMENT,TYPE=C3D10,ELSET=BODIES",
                 *(
                     join_with_commas([k, *cell])
-                    for k, cell in enumerate(self.elements.tolist(), start=1)
+                    for k, cell in enumerate(self.element_nodes, start=1)
                 ),
                 "*MATERIAL,NAME=RUBBER\n*HYPERELASTIC,NEO HOOKE",
                 f".5,{round_to_12_significant_digits(2 / BULK_MODULUS)}",
@@ -244,7 +267,7 @@ class BlocksInSpace(ABC):
                 "*SURFACE BEHAVIOR,PRESSURE-OVERCLOSURE=LINEAR",
                 f"{self.penalty},1e-9",
                 f"*FRICTION\n{FRICTION},{self.stick_slope}",
-                "*CONTACT PAIR,INTERACTION=TOUCH,TYPE=SURFACE TO SURFACE\nSLAVE,MASTER",
+                f"*CONTACT PAIR,INTERACTION=TOUCH,TYPE={self.contact_formulation}\nSLAVE,MASTER",
                 *step_lines,
             ]
         )
@@ -318,11 +341,21 @@ class RotatedPatch(BlocksInSpace):
 
 @dataclass(frozen=True)
 class SlidingBlock(BlocksInSpace):
-    """Small convex block that is pressed into a long one, and slides over it."""
+    """Small convex block that is pressed into a long one, and slides over it.
+
+    Args:
+        sliding_elements: Number of its elements over which it slides, at most 10.
+    """
+
+    sliding_elements: int = 10
 
     grids = SLIDING_GRIDS
-    times = SLIDING_TIMES
     curvatures = (0.0, SLIDING_CURVATURE)
+
+    @property
+    def times(self) -> list[float]:
+        """Times at which the increments of section V18 end."""
+        return list_sliding_times(self.sliding_elements)
 
     def displace_base_and_top(self, time: float) -> Array:
         """Return displacements (n, 3) that hold at the nodes of base and top."""
@@ -334,8 +367,13 @@ class SlidingBlock(BlocksInSpace):
         return {"N": -forces[:, 2], "T": forces[:, 0]}
 
 
+FORMULATIONS = {"surface": SURFACE_TO_SURFACE, "mortar": MORTAR}
 PATCHES = {
-    "patch-in-space-flat": RotatedPatch(16),
-    "patch-in-space-curved": RotatedPatch(16, curvature=0.14),
+    f"patch-in-space-{side}-{name}": RotatedPatch(formulation, 16, curvature=curvature)
+    for name, formulation in FORMULATIONS.items()
+    for side, curvature in (("flat", 0.0), ("curved", 0.14))
 }
-SLIDING_BLOCKS = {"block-sliding-in-space": SlidingBlock(4)}
+SLIDING_BLOCKS = {
+    f"block-sliding-in-space-{name}": SlidingBlock(formulation, 4)
+    for name, formulation in FORMULATIONS.items()
+}
