@@ -126,8 +126,6 @@ def patch(element: str, curvature: float) -> Result:
 def patch_by_calculix(element: str, case: str, tracked: str) -> Result:
     """Compress and rotate the patch with the energy of CalculiX; compare both with exact values.
 
-    CalculiX' nodal forces are those of its elements under its displacements.
-
     Args:
         element: Name of our element.
         case: Name of the CalculiX input deck.
