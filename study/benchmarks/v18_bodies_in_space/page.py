@@ -155,6 +155,7 @@ DETAILS = r"""
 |---|---|---:|---:|---:|---:|---:|---:|---:|
 {% for n in (2, 3) %}{% for element in ("pw-T10", "galerkin-T10") %}{% set case = "V18/hertz-" ~ element ~ "-" ~ n %}
 | {{ n }} | {{ names[element] }} | {{ num(100 * s(case, "force_error"), 2) }} % |{% for name in ("radius", "peak", "pressure") %} {{ num(100 * s(case, name ~ "_error"), 2) }} % | {{ num(100 * s(case, name ~ "_error_master"), 2) }} % |{% endfor %}
+
 {% endfor %}{% endfor %}
 {% endcall %}
 
@@ -163,6 +164,7 @@ DETAILS = r"""
 |---|---|---:|---:|---:|---:|---:|---:|
 {% for side in ("flat", "curved") %}{% for words, kind, prefix in (("new T10", "surface", ""), ("CalculiX, surface", "surface", "calculix_"), ("CalculiX, mortar", "mortar", "calculix_")) %}{% set case = "V18/calculix-patch-in-space-" ~ side ~ "-" ~ kind %}
 | {{ side }} | {{ words }} |{% for name in ("force_error", "force_error_rotated", "median_error", "largest_error", "median_error_rotated", "largest_error_rotated") %} {{ num(100 * s(case, prefix ~ name), 2) }} % |{% endfor %}
+
 {% endfor %}{% endfor %}
 {% endcall %}
 
