@@ -246,7 +246,7 @@ def test_check_reports_skipped_rows_where_calculix_is_not_installed(monkeypatch,
     assert renew_records.main(["--check", "calculix/block-*", "K/*-CalculiX"]) == 1
     lines = capsys.readouterr().err.splitlines()
     assert [line.partition(":")[0] for line in lines] == ["SKIPPED", "SKIPPED"]
-    assert "8 rows of answers of CalculiX: ccx" in lines[0]
+    assert "10 rows of answers of CalculiX: ccx" in lines[0]
 
 
 def test_docs_and_usage_give_the_recorded_computing_times():
