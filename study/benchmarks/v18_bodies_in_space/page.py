@@ -370,7 +370,7 @@ CHECKS = [
         "<",
         0.03,
         tolerance_why="penetration, up to 2 % of the depth, and the mesh",
-        tolerance_set="before",
+        tolerance_set="after",
         why="Energy and mesh are the same.",
     ),
 ]
