@@ -3,6 +3,7 @@
 from pw_elements.contact.interface.build import (
     build_interface,
     build_interface_with_other_friction,
+    have_shared_nodes,
 )
 from pw_elements.contact.interface.mortars import (
     N_SLIP_PATH_PIECES,
@@ -42,3 +43,4 @@ from pw_elements.contact.interface.probes import (
     sample_interference,
     sample_surface_around_pair,
 )
+from pw_elements.contact.interface.shared_nodes import MIN_DEGREES_BETWEEN_NORMALS, SharedNodes

@@ -34,6 +34,7 @@ from pw_elements.contact.interface.pair_points import (
     match_opposite_nodes,
 )
 from pw_elements.contact.interface.probes import check_pairs_are_equal_on_all_processes
+from pw_elements.contact.interface.shared_nodes import MIN_DEGREES_BETWEEN_NORMALS
 from pw_elements.contact.model import (
     MAX_RELATIVE_GRADIENT_CHANGE_AT_HALF_STEP,
     ContactPair,
@@ -55,8 +56,12 @@ from pw_elements.progress import log_on_root
 from pw_elements.spaces import (
     AssemblyRecord,
     is_hybrid,
+    locate_nodes,
 )
 
+# Largest difference between the gaps of a node to two surfaces with the same normal that counts as
+# zero, relative to the body's diagonal
+_MAX_GAP_DIFFERENCE_PER_BODY_DIAGONAL = 1e-6
 # Attributes of surfaces that are vectors (dim,)
 _SURFACE_VECTOR_ATTRIBUTES = ("point", "direction", "apex", "centre")
 
@@ -148,8 +153,10 @@ def build_interface(
     interface = ContactInterface(
         points, shapes, body.displacements, allows_interference, inverse, mortars
     )
-    _raise_error_for_shared_interior_or_tied_nodes(body, np.concatenate([*nodes, *opposite_nodes]))
+    _raise_error_for_interior_or_tied_nodes(body, np.concatenate([*nodes, *opposite_nodes]))
+    _raise_error_for_shared_opposite_nodes(body, nodes, opposite_nodes)
     interface.check_laws_supports_and_initial_gaps(body.diagonal)
+    _check_shared_nodes(interface, body.diagonal, is_sibling=inverse is not None)
     check_pairs_are_equal_on_all_processes(interface, pairs, shapes)
     _warn_of_large_finite_difference_steps(interface)
     return interface
@@ -180,6 +187,18 @@ def build_interface_with_other_friction(
         return None
     check_pairs_are_equal_on_all_processes(changed, pairs, changed.surfaces)
     return changed
+
+
+def have_shared_nodes(pairs: Sequence[ContactPair], space: fem.FunctionSpace) -> bool:
+    """Return whether a node belongs to several pairs; collective.
+
+    Args:
+        pairs: contact pairs.
+        space: space of all unknowns.
+    """
+    nodes = [locate_nodes(space, f"contact pair {k}", pair.nodes) for k, pair in enumerate(pairs)]
+    _, count = np.unique(np.concatenate(nodes), return_counts=True)
+    return bool(space.mesh.comm.allreduce(int(count.max(initial=0)), MPI.MAX) > 1)
 
 
 def _evaluate_friction_of_each_pair(
@@ -246,17 +265,66 @@ def _warn_of_nodes_without_facet(pair_name: str, nodes: LocalIndices, body: Body
         log_on_root(comm, logging.WARNING, words, ".contact")
 
 
-def _raise_error_for_shared_interior_or_tied_nodes(body: BodyNodes, nodes: LocalIndices) -> None:
+def _raise_error_for_shared_opposite_nodes(
+    body: BodyNodes, nodes: Sequence[LocalIndices], opposite_nodes: Sequence[LocalIndices]
+) -> None:
+    """Raise ValueError if a matching opposite node belongs to another side as well; collective.
+
+    Args:
+        body: nodes of the body.
+        nodes: own nodes of each pair.
+        opposite_nodes: opposite nodes of each pair with matching nodes.
+    """
+    own, opposite = (
+        np.concatenate([np.empty(0, dtype=np.int64), *sides]) for sides in (nodes, opposite_nodes)
+    )
+    unique, count = np.unique(opposite, return_counts=True)
+    body.raise_error_for_invalid_nodes(
+        np.union1d(unique[count > 1], np.intersect1d(unique, own)).astype(np.int64),
+        "belong to two contact pairs, as opposite nodes of one of them: leave a facet between them",
+    )
+
+
+def _check_shared_nodes(
+    interface: ContactInterface, body_diagonal: float, *, is_sibling: bool
+) -> None:
+    """Check pairs with common nodes; collective.
+
+    Args:
+        interface: contact points of all pairs.
+        body_diagonal: diagonal of the body's bounding box, to which gaps are compared.
+        is_sibling: whether the unknowns are coefficients of the symmetric sibling element.
+
+    Raises:
+        ValueError: if forces at common nodes are not determined, or for the sibling element.
+    """
+    shared = interface.shared_nodes
+    if not shared.exist:
+        return
+    interface.raise_error_for_invalid_points(
+        shared.is_shared & is_sibling,
+        "belong to two contact pairs, which the symmetric sibling element does not support: leave "
+        "a facet between them",
+    )
+    same = shared.find_points_on_equal_surfaces(
+        *interface.evaluate_undeformed_gaps_and_normals(None),
+        _MAX_GAP_DIFFERENCE_PER_BODY_DIAGONAL * body_diagonal,
+    )
+    interface.raise_error_for_invalid_points(
+        same,
+        "belong to two contact pairs whose surfaces have the same gap and, to within "
+        f"{MIN_DEGREES_BETWEEN_NORMALS:g} degree, the same normal there: how they share the force "
+        "is not determined; let each of these nodes belong to one of the pairs",
+    )
+
+
+def _raise_error_for_interior_or_tied_nodes(body: BodyNodes, nodes: LocalIndices) -> None:
     """Raise ValueError if any of the given nodes cannot be a contact node; collective.
 
-    A node cannot be a contact node if it belongs to two pairs, lies inside the body, or has a
-    displacement that the reduction combines with others. `nodes` are the nodes of all pairs,
-    including matching opposite nodes.
+    A node cannot be a contact node if it lies inside the body, or has a displacement that the
+    reduction combines with others. `nodes` are the nodes of all pairs, including matching opposite
+    nodes.
     """
-    unique, count = np.unique(nodes, return_counts=True)
-    body.raise_error_for_invalid_nodes(
-        unique[count > 1], "belong to two contact pairs: leave a facet between them"
-    )
     inside = nodes[~mark_boundary_nodes(body.space)[nodes]]
     body.raise_error_for_invalid_nodes(inside, "lie inside of the body, not on its boundary")
     with raise_errors_on_all_processes(body.space.mesh.comm):

@@ -10,9 +10,9 @@ and f the load. The motion operator G and the force operator H are defined by
 deal with points only.
 
 The module guarantees operators and surface values at the points of each process, and that errors
-are raised on all processes. It assumes that each force component is the only contact force in its
-equation, which `ContactPairPoints.equation` gives. It also assumes units in which G K^-1 H is a
-length per force, since the factor c of the contact law is a force per length.
+are raised on all processes. It assumes that only forces on its own node act in the equations of a
+point, which `ContactPairPoints.equation` gives. It also assumes units in which G K^-1 H is a length
+per force, since the factor c of the contact law is a force per length.
 """
 
 from collections.abc import Mapping, Sequence
@@ -44,6 +44,7 @@ from pw_elements.contact.interface.pair_points import (
     compute_bounding_box_extents,
     gather_points_and_local_slice,
 )
+from pw_elements.contact.interface.shared_nodes import SharedNodes
 from pw_elements.contact.model import (
     CLOSED_FORM_SURFACE_TYPES,
     SURFACE_TYPES_WITH_NORMAL_EVERYWHERE,
@@ -112,6 +113,7 @@ class ContactInterface:
         held_components: (m, dim), mask of displacement components that supports prescribe at points
             with friction.
         holds_friction: whether any process has such held components.
+        shared_nodes: points grouped by node, as a node has one point for each of its pairs.
     """
 
     def __init__(
@@ -142,6 +144,7 @@ class ContactInterface:
         self.equation, self.node, self.faced = map(
             concatenate_over_pairs, ("equation", "node", "faced")
         )
+        self.shared_nodes = SharedNodes.from_node_numbers(self.node, self.comm)
         self.outward, self._mean_cell_midpoint = (
             concatenate_over_pairs("outward"),
             concatenate_over_pairs("mean_cell_midpoint"),

@@ -29,6 +29,8 @@ from pw_elements.contact.iteration.updates import (
     LargeStrainActiveSetUpdate,
     UpdateKeepingCyclingSetsUntilSolved,
     choose_first_active_set,
+    open_points_with_dependent_normals,
+    raise_if_force_shares_are_not_unique,
     recover_active_set_of_state,
     report_no_free_motions,
 )

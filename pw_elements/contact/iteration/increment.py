@@ -26,6 +26,7 @@ from pw_elements.contact.nodes import (
     ActiveSet,
     ContactKinematics,
     ContactNodes,
+    FrictionAtSharedNodes,
     IncrementStart,
     LinearisedContactLaw,
     LinearisedKinematics,
@@ -188,6 +189,7 @@ class LinearisedIncrement:
         springs: stiffness (free,) that support friction adds to the free motions.
         known_q: known parts (m, k) of the motions of each point's surface.
         known_v: known parts (m, p) of the motions of the points.
+        point_forces: forces (m, dim) of the points at the point of linearisation.
     """
 
     active: ActiveSet
@@ -198,6 +200,7 @@ class LinearisedIncrement:
     springs: Array
     known_q: Array
     known_v: Array
+    point_forces: Array
 
 
 class IncrementEquations:
@@ -230,6 +233,12 @@ class IncrementEquations:
         self.kinematics = kinematics
         self.prescribed_motions, self.free_motion_forces = prescribed, totals
         self.best_state: NewtonIterate | None = None
+        # forces (m, dim) of the last iterate, from which equilibrium does not follow at points that
+        # are not the first one at their node
+        self._point_forces: Array = start.force
+        self._shared_friction: FrictionAtSharedNodes | None = None
+        if self.interface.shared_nodes.exist:
+            self._shared_friction = FrictionAtSharedNodes(self.interface, start)
         self._support_displacement = system.evaluate_relative_point_displacements(
             equilibrium.prescribed_displacements
         )
@@ -266,7 +275,9 @@ class IncrementEquations:
         is_free = np.isnan(self.prescribed_motions)
         known_q = np.where(is_free, 0.0, self.prescribed_motions)[self.interface.pair]
         known_v = system.evaluate_point_motions(self.equilibrium.prescribed_displacements)
-        law = kinematics.linearise_law(active, system.law_scale)
+        shared = self._shared_friction
+        friction_to_keep = None if shared is None else shared.select_friction_to_keep(active)
+        law = kinematics.linearise_law(active, system.law_scale, friction_to_keep)
         law = eliminate_known_motions(law, known_q, known_v)
         torque_map = kinematics.torque_map.eliminate_known_motions(
             known_q, self._support_displacement
@@ -278,7 +289,15 @@ class IncrementEquations:
                 totals, active, kinematics
             )
         linear_system = LinearisedIncrement(
-            active, kinematics, law, totals, torque_map, springs, known_q, known_v
+            active,
+            kinematics,
+            law,
+            totals,
+            torque_map,
+            springs,
+            known_q,
+            known_v,
+            self._point_forces,
         )
         solution = system.solve(
             load,
@@ -315,6 +334,8 @@ class IncrementEquations:
         step_length = equilibrium.move_towards_and_return_step_length(
             solution.reduced_unknowns, max_step_length
         )
+        forces = linear_system.point_forces
+        forces = forces + step_length * (solution.additional_forces - forces)
         if step_length < 1:
             q = kinematics.q0 + step_length * (q - kinematics.q0)
             self.system.set_initial_iterate(
@@ -324,6 +345,7 @@ class IncrementEquations:
             solution.reduced_unknowns,
             q,
             kinematics,
+            additional_forces=forces,
             previous_support_friction=linear_system.active.support_friction,
             is_exact=solution.is_exact,
             is_final=solution.is_final or not equilibrium.requires_accurate_last_linear_solve,
@@ -336,6 +358,7 @@ class IncrementEquations:
         surface_motions: Array,
         kinematics: LinearisedKinematics,
         *,
+        additional_forces: Array,
         previous_support_friction: Array | None = None,
         is_exact: bool = True,
         is_final: bool = True,
@@ -346,6 +369,8 @@ class IncrementEquations:
             reduced_unknowns: displacements (n_r,), reduced by the supports.
             surface_motions: motions (pairs, k) of the surfaces.
             kinematics: kinematics of the linear system that was solved.
+            additional_forces: forces (m, dim) of the points. Only those at points that are not the
+                first one at their node are used; all others follow from equilibrium.
             previous_support_friction: support friction (m, dim - 1) of the previous iteration; by
                 default, the support friction at the start of the increment.
             is_exact: whether solving the linear system again would not improve the accuracy.
@@ -356,7 +381,10 @@ class IncrementEquations:
         residual = self.equilibrium.residual_without_contact(reduced_unknowns)
         displacement = system.evaluate_relative_point_displacements(unknowns)
         displacement_size = system.compute_round_off_scale_of_motions(unknowns)
-        force, unbalanced = system.split_residual_into_contact_and_unbalanced_forces(residual)
+        force, unbalanced = system.split_residual_into_contact_and_unbalanced_forces(
+            residual, additional_forces
+        )
+        self._point_forces = force
         kinematics, v = self.kinematics.kinematics_and_point_motions_at_iterate(
             kinematics, surface_motions, displacement, force
         )
@@ -371,6 +399,8 @@ class IncrementEquations:
             nodes, force = self.support_friction.add_friction_to_nodal_forces(
                 nodes, kinematics, force, previous_support_friction
             )
+        if self._shared_friction is not None:
+            self._shared_friction.update(nodes)
         max_force, displacement_round_off, coordinate_round_off = (
             self._max_contact_force_and_round_off_forces(
                 force, displacement_size, kinematics.torque_map
@@ -417,6 +447,7 @@ class IncrementEquations:
             state.reduced_unknowns,
             state.q,
             kinematics,
+            additional_forces=state.force,
             previous_support_friction=held_friction,
             is_exact=state.is_exact,
             is_final=state.is_final,
@@ -424,6 +455,27 @@ class IncrementEquations:
         if relinearised.violation > 1 and self._are_surfaces_at_linearisation_point(state):
             return state
         return relinearised
+
+    def prefer_friction_of_start(self, state: NewtonIterate) -> NewtonIterate:
+        """Return a solution that keeps friction from the start of the increment where it may.
+
+        The law does not determine the friction of nodes that several pairs hold. The given solution
+        is returned if friction from the start violates the law.
+        """
+        if self._shared_friction is None or state.step_length < 1:
+            return state
+        active = self._shared_friction.restore_friction_of_start(state.nodes, state.allowance)
+        if active is None:
+            return state
+        try:
+            restored = self.solve_linearised_system(active, state.kinematics, "final")
+            restored = self.reevaluate_with_kinematics_at_solution(restored)
+            if restored.is_solution:
+                return restored
+        except (SolutionNotFound, SingularSystem):
+            pass  # the given solution remains
+        self.equilibrium.move_towards_and_return_step_length(state.reduced_unknowns)
+        return state
 
     def keep_if_smallest_violation(self, state: NewtonIterate) -> None:
         """Keep the state as `best_state` if its violation is the smallest so far."""

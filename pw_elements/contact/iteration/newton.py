@@ -48,7 +48,7 @@ def solve_increment(
         after_iteration(iteration, active, state.violation)
         state = increment.reevaluate_with_kinematics_at_solution(state)
         if state.is_solution:
-            return state
+            return increment.prefer_friction_of_start(state)
         increment.keep_if_smallest_violation(state)
         active, accuracy = update.choose_next_set_and_accuracy(active, kinematics, state)
         kinematics = state.kinematics

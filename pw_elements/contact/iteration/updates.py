@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pw_elements.arrays import Array, Mask
-from pw_elements.contact.interface import ContactInterface
+from pw_elements.contact.interface import MIN_DEGREES_BETWEEN_NORMALS, ContactInterface
 from pw_elements.contact.iteration.increment import IncrementEquations, NewtonIterate
 from pw_elements.contact.iteration.target import TargetLoadsAndMotions
 from pw_elements.contact.model import (
@@ -25,6 +25,7 @@ from pw_elements.contact.model import (
     ContactState,
     FreeBody,
     LastContactLost,
+    NotUnique,
     SolutionNotFound,
 )
 from pw_elements.contact.nodes import (
@@ -62,6 +63,11 @@ _MAX_SHORTENED_NEWTON_STEPS = 3
 # Number of recent active sets that are searched for a cycle
 _N_RECENT_SETS_IN_CYCLE_MESSAGE = 8
 _NO_VALID_ACTIVE_SET_MESSAGE = "no active set satisfies the contact conditions"
+_DEPENDENT_NORMALS_MESSAGE = (
+    "contact nodes at {} are pressed by surfaces of several pairs, and one of their normals is "
+    f"within {MIN_DEGREES_BETWEEN_NORMALS:g} degree of the span of the others: how they share the "
+    "force is not determined; let each of these nodes belong to fewer pairs"
+)
 # Fraction of the largest violation above which the violation of a node counts as the largest
 _MIN_VIOLATION_RATIO_OF_WORST_NODES = 1 - 1e-6
 # Largest gap that counts as closed in the first active set, relative to the extent of the contact
@@ -151,6 +157,10 @@ class ActiveSetUpdate:
         self._free_motions, self.accuracy = free_motions, accuracy
         self._visited: list[tuple[bytes, ActiveSet]] = []
         self._limited: Mask | None = None
+        shared = interface.shared_nodes
+        self._keeps_friction = shared.exist and self._comm.allreduce(
+            bool(np.any(shared.is_shared & interface.cone.has_friction)), MPI.LOR
+        )
 
     def restart_record_with_first_set(
         self,
@@ -255,14 +265,26 @@ class ActiveSetUpdate:
         proposed = self._propose_set_that_holds_body(active, state.nodes)
         if not state.is_exact and is_same_set(proposed, active, self._comm):
             return active, "tightened"  # corrected factors may leave small gaps
+        if self._keeps_friction and is_same_set(proposed, active, self._comm):
+            return active, self.accuracy  # the friction that is kept has changed
         if self.record_set_and_limit_cycling_nodes(proposed):
             proposed = self._propose_set_that_holds_body(active, state.nodes)
         return proposed, self.accuracy
 
     def _propose_set_that_holds_body(self, active: ActiveSet, nodes: ContactNodes) -> ActiveSet:
-        return self._postpone_releases_that_free_body(
+        proposed = self._postpone_releases_that_free_body(
             self.propose_set_changing_one_cycling_node(active, nodes), active, nodes
         )
+        if not self._interface.shared_nodes.exist:
+            return proposed
+        independent = open_points_with_dependent_normals(
+            self._interface, proposed, nodes.frame[:, 0], nodes.trial_pressure
+        )
+        is_opened = independent.status != proposed.status
+        positions = self._interface.gather_values(self._interface.position[is_opened])
+        if len(positions) and is_same_set(independent, active, self._comm):
+            raise SolutionNotFound.with_positions(_DEPENDENT_NORMALS_MESSAGE, positions)
+        return independent
 
     def _postpone_releases_that_free_body(
         self, proposed: ActiveSet, active: ActiveSet, nodes: ContactNodes
@@ -444,6 +466,9 @@ def choose_first_active_set(
     n_tangents = kinematics.frame.shape[1] - 1
     all_stick = make_sticking_active_set(np.isfinite(kinematics.gap), interface.cone, n_tangents)
     for candidate in (*candidates, all_stick):
+        candidate = open_points_with_dependent_normals(
+            interface, candidate, kinematics.frame[:, 0], -kinematics.gap
+        )
         motions = describe_free_rigid_motions(candidate, kinematics.frame)
         if not motions:
             return candidate
@@ -454,6 +479,58 @@ def choose_first_active_set(
         f"{' and '.join(motions)}: held neither by supports nor by contact, even if all contact "
         f"nodes touched and stuck where there is friction; {', or '.join(remedies)}"
     )
+
+
+def open_points_with_dependent_normals(
+    interface: ContactInterface, active: ActiveSet, normal: Array, priority: Array
+) -> ActiveSet:
+    """Return the active set without closed points that would make the tangent singular.
+
+    At a node that belongs to several pairs, closed points with linearly dependent normals would
+    share the force in an undetermined way. Of these points, those with the lowest priority open.
+
+    Args:
+        interface: contact points of all pairs.
+        active: active set.
+        normal: normals (m, dim).
+        priority: priorities (m,) of the points.
+    """
+    if not interface.shared_nodes.exist:
+        return active
+    dependent = interface.shared_nodes.find_dependent_points(
+        active.status != OPEN, normal, priority
+    )
+    if not dependent.any():
+        return active
+    all_open = make_sticking_active_set(
+        np.zeros_like(dependent), interface.cone, active.direction.shape[1]
+    )
+    return combine_active_sets(dependent, all_open, active)
+
+
+def raise_if_force_shares_are_not_unique(
+    interface: ContactInterface, nodes: ContactNodes, force_tolerance: float
+) -> None:
+    """Raise NotUnique if pressed nodes touch surfaces with linearly dependent normals; collective.
+
+    Args:
+        interface: contact points of all pairs.
+        nodes: contact nodes of a solution.
+        force_tolerance: largest force, and product of a gap and the stiffness of the law, that
+            counts as zero.
+    """
+    if not interface.shared_nodes.exist:
+        return
+    touches = nodes.trial_pressure >= -force_tolerance
+    is_pressed = nodes.force[:, 0] > force_tolerance
+    for points in interface.shared_nodes.points_of_each_node:
+        touches[points] &= is_pressed[points].any()
+    dependent = interface.shared_nodes.find_dependent_points(
+        touches, nodes.frame[:, 0], nodes.trial_pressure
+    )
+    positions = interface.gather_values(interface.position[dependent])
+    if len(positions):
+        raise NotUnique.with_positions(_DEPENDENT_NORMALS_MESSAGE, positions)
 
 
 def _list_remedies_for_free_rigid_motions(

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -77,6 +78,16 @@ class ContactFailed(RuntimeError):
     state: ContactState | None = None
     last_substate: tuple[float, ContactState] | None = None
 
+    @classmethod
+    def with_positions(cls, message: str, positions: Array) -> Self:
+        """Return the error with positions of nodes in its message.
+
+        Args:
+            message: text with one placeholder {} for the positions.
+            positions: (k, dim), undeformed positions of the nodes.
+        """
+        return cls(message.format(format_points(positions)))
+
 
 class FreeBody(ContactFailed, SingularSystem):
     """A rigid motion would be free even if all contact nodes were closed and sticking.
@@ -109,16 +120,6 @@ class NotUnique(ContactFailed, SingularSystem):
 
 class SolutionNotFound(ContactFailed):
     """The iteration found no solution. It is not known whether a solution exists."""
-
-    @classmethod
-    def with_positions(cls, message: str, positions: Array) -> "SolutionNotFound":
-        """Return the error with positions of nodes in its message.
-
-        Args:
-            message: text with one placeholder {} for the positions.
-            positions: (k, dim), undeformed positions of the nodes.
-        """
-        return cls(message.format(format_points(positions)))
 
 
 class ActiveSetCycling(SolutionNotFound):

@@ -27,6 +27,7 @@ from pw_elements.contact.nodes.nodes import (
     make_sticking_active_set,
     rotate_active_set,
 )
+from pw_elements.contact.nodes.shared_friction import FrictionAtSharedNodes
 from pw_elements.contact.nodes.sliding import MortarKinematics
 from pw_elements.contact.nodes.undeformed import (
     ContactKinematics,

@@ -38,6 +38,9 @@ HELD = 3
 _EQUAL_ACTIVE_SETS_TOLERANCE = 1e-10
 # Largest violation of the contact conditions, relative to the largest nodal contact force
 MAX_CONTACT_VIOLATION_PER_NODAL_FORCE = 1e-9
+# Smallest weight of a friction force, relative to the product of slip and law scale, in the
+# equations of sticking points whose slip may be determined by the gaps of other points
+MIN_KEPT_FRICTION_WEIGHT = 1e-3
 # Smallest length of a unit tangent's projection on the components held by supports at which the
 # tangent counts as held
 _MIN_SUPPORT_PROJECTION_OF_HELD_TANGENT = 0.5
@@ -378,6 +381,36 @@ def assemble_active_set_equations(
     return A, B, b
 
 
+def keep_friction_of_previous_iteration(
+    active: ActiveSet, law_scale: Array, weight: Array, friction: Array
+) -> tuple[Array, Array, Array]:
+    """Return the linear equations of an active set that determine friction where slip does not.
+
+    At a node that belongs to several pairs, gaps that are zero may determine the slip. The equation
+    of sticking points, c v = 0, is then redundant and their friction is not determined. It is
+    replaced by c v + w (r_t - s) = 0 with the friction s of the previous iteration and a small
+    weight w (method of multipliers). If slip is free, it tends to zero in the iteration. If it is
+    not, friction is kept where there is no slip, and grows against slip until the node slips. At
+    slipping points, the friction ratio M is limited for the same reason.
+
+    Args:
+        active: active set.
+        law_scale: (m,), factor c of gaps and slips in the contact law, a force per length.
+        weight: (m,), weights w; the equations of points with the weight 0 do not change.
+        friction: (m, dim - 1), friction s of the previous iteration.
+
+    Returns:
+        A (m, dim, dim), B (m, dim, dim) and b (m, dim) of `assemble_active_set_equations`.
+    """
+    is_kept, max_ratio = weight > 0, 1 - MIN_KEPT_FRICTION_WEIGHT
+    ratio = np.where(is_kept, np.minimum(active.friction_ratio, max_ratio), active.friction_ratio)
+    A, B, b = assemble_active_set_equations(replace(active, friction_ratio=ratio), law_scale)
+    sticks = is_kept & (active.status == STICK)
+    A[sticks, 1:, 1:] = weight[sticks, None, None] * np.eye(friction.shape[1])
+    b[sticks, 1:] = weight[sticks, None] * friction[sticks]
+    return A, B, b
+
+
 @dataclass(frozen=True)
 class LinearisedContactLaw:
     """Linearised contact law E r + C v - D q = c of the contact points (m) of this process.
@@ -532,12 +565,27 @@ class LinearisedKinematics:
             is_coupled_to_surface=no_nodes,
         )
 
-    def linearise_law(self, active: ActiveSet, law_scale: Array) -> LinearisedContactLaw:
+    def linearise_law(
+        self,
+        active: ActiveSet,
+        law_scale: Array,
+        friction_to_keep: tuple[Array, Array] | None = None,
+    ) -> LinearisedContactLaw:
         """Return the linearised law of an active set in global components.
 
-        The factor c of gaps and slips in the contact law is `law_scale` (m,), a force per length.
+        Args:
+            active: active set.
+            law_scale: (m,), factor c of gaps and slips in the contact law, a force per length.
+            friction_to_keep: weights (m,) with which the friction of the previous iteration is kept
+                as far as slip allows, and this friction (m, dim), see
+                `keep_friction_of_previous_iteration`. None if there are no such points.
         """
-        A, B, b = assemble_active_set_equations(active, law_scale)
+        if friction_to_keep is None:
+            A, B, b = assemble_active_set_equations(active, law_scale)
+        else:
+            weight, friction = friction_to_keep
+            components = np.einsum("nta,na->nt", self.frame[:, 1:], friction)
+            A, B, b = keep_friction_of_previous_iteration(active, law_scale, weight, components)
         b = b - np.einsum("nab,nb->na", A[:, :, 1:], active.support_friction)
         stated_frame = self.frame.copy()
         stated_frame[:, 1:][self.held_tangents] = 0.0

@@ -16,7 +16,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from pw_elements.arrays import Indices, LocalIndices
+from pw_elements.arrays import Indices, LocalIndices, Mask
 from pw_elements.checks import (
     arguments,
     check_same_arguments_on_all_processes,
@@ -24,6 +24,7 @@ from pw_elements.checks import (
     raise_errors_on_all_processes,
 )
 from pw_elements.contact.model import ContactState, PairState
+from pw_elements.contact.nodes import OPEN
 from pw_elements.contact.output.sides import (
     OppositeSurface,
     make_own_and_opposite_surface,
@@ -64,6 +65,10 @@ class ContactFields:
     because zero would mean contact. ParaView draws NaN in a separate colour and ignores it in
     ranges. Where the nodes of two sides match, both nodes have the same scalars and opposite
     vectors.
+
+    At a node that belongs to several pairs, the force is the sum of the pairs' forces. All other
+    fields are those of the pair with the largest normal force there, or, without force, of the pair
+    with the smallest gap. Results of each pair are in `ContactState.pairs`.
 
     At the nodes of an opposite deformable surface, pressures and tractions are the forces on these
     nodes divided by the areas that face the pair (see `OppositeSurface`). The contact law is
@@ -208,35 +213,49 @@ class ContactFields:
             ]
             object.__setattr__(self, "opposite", tuple(opposite for _, opposite in sides))
         as_function(space, state.displacement, out=self.displacement)
-        _set_nodal_values(self.force, pairs, [pair.force_vector for pair in pairs])
+        is_shown = _select_pair_of_each_node(pairs)
+        _set_nodal_values(self.force, pairs, [pair.force_vector for pair in pairs], is_shown)
+        if not all(mask.all() for mask in is_shown):
+            self._add_forces_of_hidden_pairs(pairs, is_shown)
         for pair in pairs:
             local = _convert_to_local_nodes(space, pair.opposite_node)
             forces = self.force.x.array.reshape(-1, space.dofmap.index_map_bs)
             forces[local[local >= 0]] += pair.opposite_force[local >= 0]
         gaps = [np.where(np.isfinite(pair.gap), pair.gap, np.nan) for pair in pairs]
-        _set_nodal_values(self.gap, pairs, gaps, np.nan)
-        _set_nodal_values(self.slip, pairs, [pair.slip for pair in pairs])
-        _set_nodal_values(self.status, pairs, [pair.status for pair in pairs])
+        _set_nodal_values(self.gap, pairs, gaps, is_shown, np.nan)
+        _set_nodal_values(self.slip, pairs, [pair.slip for pair in pairs], is_shown)
+        _set_nodal_values(self.status, pairs, [pair.status for pair in pairs], is_shown)
         results = [
             make_results_of_own_side(surface, pair)
             for surface, pair in zip(self.surfaces, pairs, strict=False)
         ]
-        _set_nodal_values(self.pressure, pairs, [side.pressure for side in results])
-        _set_nodal_values(self.traction, pairs, [side.traction for side in results])
+        _set_nodal_values(self.pressure, pairs, [side.pressure for side in results], is_shown)
+        _set_nodal_values(self.traction, pairs, [side.traction for side in results], is_shown)
         tributary_pressures = [
             np.where(side.pressure == 0, 0.0, surface.tributary_pressure(side.normal_force))
             for side, surface in zip(results, self.surfaces, strict=True)
         ]
-        _set_nodal_values(self.tributary_pressure, pairs, tributary_pressures)
+        _set_nodal_values(self.tributary_pressure, pairs, tributary_pressures, is_shown)
         deformed_surfaces = self._make_surfaces_with_deformed_areas(pairs)
         true_pressures = [
             np.where(np.isnan(side.pressure), np.nan, surface.pressure(side.normal_force))
             for side, surface in zip(results, deformed_surfaces, strict=False)
         ]
-        _set_nodal_values(self.true_pressure, pairs, true_pressures)
+        _set_nodal_values(self.true_pressure, pairs, true_pressures, is_shown)
         self._fill_opposite_nodes(pairs, deformed_surfaces)
         if self.body_pressure is not None and self.hybrid is not None:
             self.body_pressure.interpolate(split(self.hybrid, state.unknowns)[1])
+
+    def _add_forces_of_hidden_pairs(
+        self, pairs: Sequence[PairState], is_shown: Sequence[Mask]
+    ) -> None:
+        """Add the forces of pairs at nodes at which the fields are those of another pair."""
+        space = self.displacement.function_space
+        forces = self.force.x.array.reshape(-1, space.dofmap.index_map_bs)
+        for pair, shown in zip(pairs, is_shown, strict=True):
+            local = _convert_to_local_nodes(space, pair.node)
+            is_added = ~shown & (local >= 0)
+            forces[local[is_added]] += pair.force_vector[is_added]
 
     def _make_surfaces_with_deformed_areas(self, pairs: Sequence[PairState]) -> list[SurfaceNodes]:
         """Return the pairs' own surfaces with the areas of the deformed body.
@@ -314,8 +333,9 @@ class ContactFields:
 
         Raises:
             ValueError: if the body was not given or is hybrid; at large strains, since the body's
-                material is not that of the residual; or if the weight functions of some nodes are
-                zero, such as those of the corners of the standard 10-node tetrahedron.
+                material is not that of the residual; if the weight functions of some nodes are
+                zero, such as those of the corners of the standard 10-node tetrahedron; or if nodes
+                belong to several pairs.
         """
         if self.body is None or self.pressure is None or self.hybrid or self.true_pressure:
             raise ValueError(
@@ -329,6 +349,13 @@ class ContactFields:
             raise ValueError(
                 "nodes of this element have no weight on the surface, so no pressure to compare "
                 "with stresses: Spaces.petrov_galerkin gives them one"
+            )
+        nodes = np.concatenate([surface.node for surface in self.surfaces])
+        if len(np.unique(nodes)) < len(nodes):
+            raise ValueError(
+                "nodes belong to several contact pairs, and these fields have the pressure of one "
+                "of them only: leave a facet between the pairs, or integrate the difference with "
+                "the pressures of each pair"
             )
         mesh, weights = self.body.spaces.mesh, test_space(self.pressure.function_space)
         facets = [
@@ -354,10 +381,28 @@ class ContactFields:
         return [value for value in vars(self).values() if isinstance(value, fem.Function)]
 
 
+def _select_pair_of_each_node(pairs: Sequence[PairState]) -> list[Mask]:
+    """Return, for each pair, a mask (m,) of the nodes at which the fields are those of this pair.
+
+    At a node that belongs to several pairs, it is the pair with the largest normal force, and
+    without force the pair with the smallest gap.
+    """
+    node, force, gap, status = (
+        np.concatenate([getattr(pair, name) for pair in pairs])
+        for name in ("node", "force_normal", "gap", "status")
+    )
+    order = np.lexsort((gap, np.where(status == OPEN, 0.0, -force), node))
+    is_first = np.diff(node[order], prepend=-1) != 0
+    is_shown = np.zeros(len(node), dtype=bool)
+    is_shown[order[is_first]] = True
+    return np.split(is_shown, np.cumsum([len(pair.node) for pair in pairs])[:-1])
+
+
 def _set_nodal_values(
     function: fem.Function | None,
     pairs: Sequence[PairState],
     values: Sequence[npt.NDArray],
+    is_shown: Sequence[Mask],
     elsewhere: float = 0.0,
 ) -> None:
     """Set a function to nodal values of contact pairs, and to a constant elsewhere.
@@ -368,6 +413,7 @@ def _set_nodal_values(
         function: function to set; if it is None, nothing is done.
         pairs: states of the pairs.
         values: values (m,) or (m, dim) at the m nodes of each pair.
+        is_shown: mask (m,) of the own nodes of each pair at which its values are set.
         elsewhere: value at all other nodes.
     """
     if function is None:
@@ -375,14 +421,15 @@ def _set_nodal_values(
     space = function.function_space
     array = function.x.array.reshape(-1, space.dofmap.index_map_bs)
     array[:] = elsewhere
-    for pair, nodal_values in zip(pairs, values, strict=True):
+    for pair, nodal_values, shown in zip(pairs, values, is_shown, strict=True):
         columns = nodal_values.reshape(len(nodal_values), -1)
-        for nodes, sign in (
-            (pair.node, 1.0),
-            (pair.faced_node, 1.0 if nodal_values.ndim == 1 else -1.0),
+        for nodes, is_set, sign in (
+            (pair.node, shown, 1.0),
+            (pair.faced_node, np.ones_like(shown), 1.0 if nodal_values.ndim == 1 else -1.0),
         ):
             local = _convert_to_local_nodes(space, nodes)
-            array[local[local >= 0]] = sign * columns[local >= 0]
+            is_set = is_set & (local >= 0)
+            array[local[is_set]] = sign * columns[is_set]
 
 
 def _convert_to_local_nodes(space: fem.FunctionSpace, nodes: Indices) -> LocalIndices:

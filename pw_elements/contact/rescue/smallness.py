@@ -430,10 +430,14 @@ def _nodes_normals_and_sizes_of_exterior_facets(
         np.concatenate(comm.allgather(part))
         for part in (number[facet, corner], normal[facet], diameter)
     )
-    is_own = np.isin(node_of_facet, node)
-    order = np.argsort(node)
-    node_number = order[np.searchsorted(node, node_of_facet[is_own], sorter=order)]
-    return node_number, outward[is_own], size[is_own]
+    order = np.argsort(node, kind="stable")
+    # a node occurs several times among the m nodes if it belongs to several pairs
+    first = np.searchsorted(node, node_of_facet, side="left", sorter=order)
+    end = np.searchsorted(node, node_of_facet, side="right", sorter=order)
+    n_copies = end - first
+    shift = first - (np.cumsum(n_copies) - n_copies)
+    node_number = order[np.repeat(shift, n_copies) + np.arange(n_copies.sum())]
+    return node_number, np.repeat(outward, n_copies, axis=0), np.repeat(size, n_copies)
 
 
 def warn_if_slip_and_path_slip_differ(

@@ -126,7 +126,9 @@ def solve_with_softening_springs(
             continue
         unknowns, q = spring_state.unknowns, spring_state.q
         linearised = kinematics.linearise(q, spring_state.displacement, spring_state.force)
-        state = increment.evaluate_all_conditions(spring_state.reduced_unknowns, q, linearised)
+        state = increment.evaluate_all_conditions(
+            spring_state.reduced_unknowns, q, linearised, additional_forces=spring_state.force
+        )
         increment.keep_if_smallest_violation(state)
         active = spring_state.nodes.active_set
         is_steady = previous is not None and is_same_set(previous, active, comm)

@@ -48,6 +48,8 @@ from pw_elements.contact.iteration import (
     UpdateKeepingCyclingSetsUntilSolved,
     interpolate_targets,
     make_contact_state,
+    open_points_with_dependent_normals,
+    raise_if_force_shares_are_not_unique,
     solve_increment,
 )
 from pw_elements.contact.model import (
@@ -98,7 +100,11 @@ from pw_elements.contact.steps.verification import (
     measure_large_strain_kinematics,
     verify_state,
 )
-from pw_elements.contact.system import ContactSystem, measure_cost
+from pw_elements.contact.system import (
+    ContactSystem,
+    check_solver_supports_shared_nodes,
+    measure_cost,
+)
 from pw_elements.elasticity import SINGULAR_STIFFNESS_WARNING_AND_REMEDY, TangentBulkShearMonitor
 from pw_elements.progress import log_on_root, report_activity
 from pw_elements.solvers import LinearSolver, NotConverged, has_separate_supports
@@ -158,6 +164,7 @@ class LargeStrainStepping:
         self.interface = build_interface(
             pairs, self._whole_space, self._reduction, large_sliding=True
         )
+        check_solver_supports_shared_nodes(self.interface, solver)
         remedy = "give -F, the forces of stresses less those of loads"
         check_stiffness_sign(problem.system.tangent, self.interface, remedy)
         if self.interface.mortars and has_separate_supports(solver):
@@ -392,7 +399,12 @@ class LargeStrainStepping:
         n_signs = len(system.tangent.solver.determinant_signs)
         end = solve_increment(
             increment,
-            make_sticking_active_set(is_closed, interface.cone, linearised.frame.shape[1] - 1),
+            open_points_with_dependent_normals(
+                interface,
+                make_sticking_active_set(is_closed, interface.cone, linearised.frame.shape[1] - 1),
+                linearised.frame[:, 0],
+                -linearised.gap,
+            ),
             linearised,
             make_update(interface),
             max_iterations=max_iterations,
@@ -408,6 +420,7 @@ class LargeStrainStepping:
             self._raise_if_pressed_nodes_jumped(kinematics, end, is_pressed)
         else:
             self._raise_if_any_node_is_pressed(is_pressed)
+        raise_if_force_shares_are_not_unique(interface, end.nodes, end.allowance)
         raise_if_slave_nodes_pass_through_master(
             interface, kinematics.slip_references_and_positions
         )
@@ -610,7 +623,9 @@ class LargeStrainStepping:
             part.part_end, self.interface, part.part_end.translations_and_rotations
         )
         linearised = kinematics.linearise(end.q, end.displacement, end.force)
-        solution = increment.evaluate_all_conditions(unknowns, end.q, linearised)
+        solution = increment.evaluate_all_conditions(
+            unknowns, end.q, linearised, additional_forces=end.force
+        )
         increment.equilibrium.linearise_and_return_load(linearised.torque_map)
         slip_by_start = kinematics.differentiate_slip_by_start_displacement(linearised)
         return EquationsLinearisedAtEnd(

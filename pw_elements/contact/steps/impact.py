@@ -360,6 +360,10 @@ def solve_impact(
         )
     n_steps, sibling = int(n_steps), read_record(K).sibling
     interface = build_interface(contact_pairs, space, reduction, read_record(K))
+    interface.raise_error_for_invalid_points(
+        interface.shared_nodes.is_shared,
+        "belong to two contact pairs, which impact does not support: leave a facet between them",
+    )
     is_free = _find_free_unknowns(reduction)
     u, v = reduction.offset.copy(), velocity.copy()
     v.setArray(np.where(is_free, velocity.array_r, 0.0))

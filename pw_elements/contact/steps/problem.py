@@ -20,7 +20,7 @@ from dolfinx import fem
 from pw_elements.algebra import PetrovGalerkinProblem, Reduction, check_load
 from pw_elements.arrays import Array, Indices
 from pw_elements.checks import arguments, check_mesh, check_same_arguments_on_all_processes
-from pw_elements.contact.interface import find_reduced_column_of_each_unknown
+from pw_elements.contact.interface import find_reduced_column_of_each_unknown, have_shared_nodes
 from pw_elements.contact.iteration import make_undeformed_state
 from pw_elements.contact.model import (
     ContactPair,
@@ -94,8 +94,8 @@ class ContactProblem:
         K: stiffness (n, n) without supports. It may be unsymmetric.
         reduction: supports (or condensation). It must not eliminate contact nodes, but supports may
             prescribe their tangential displacements.
-        pairs: contact pairs. A node must not belong to more than one pair. The `motions` of pairs
-            are ignored here; only `solve_contact` uses them.
+        pairs: contact pairs. A node may belong to several pairs whose normals differ there. The
+            `motions` of pairs are ignored here; only `solve_contact` uses them.
         space: trial space of the displacements, or of the hybrid element.
         solver: solver of the linear systems, as in `solve`.
         max_iterations: largest number of linear systems solved in one attempt at an increment.
@@ -143,9 +143,7 @@ class ContactProblem:
             "remedies": list_remedy_max_cost_ratios(remedies),
         }
         self._stiffness_state = K.stateGet()
-        self._small_strain_stepping = self._make_small_strain_stepping(
-            choose_solver(solver, self._supports, contact_stiffness=K)
-        )
+        self._small_strain_stepping = self._make_small_strain_stepping(self._choose_solver())
         self.undeformed: ContactState = make_undeformed_state(
             self._small_strain_stepping.interface, K.createVecRight()
         )
@@ -341,6 +339,14 @@ class ContactProblem:
         return compute_with_direct_fallback(
             self._small_strain_stepping.solver, self._requested_solver, self._supports, step_with
         )
+
+    def _choose_solver(self) -> LinearSolver:
+        requested = self._requested_solver
+        solver = choose_solver(requested, self._supports, contact_stiffness=self._K)
+        is_automatic = requested is None or isinstance(requested, str)
+        if not (is_automatic and has_separate_supports(solver)):
+            return solver
+        return Direct() if have_shared_nodes(self.pairs, self._space) else solver
 
     def _make_small_strain_stepping(self, solver: LinearSolver) -> SmallStrainStepping:
         return SmallStrainStepping(

@@ -166,8 +166,9 @@ class EquationsLinearisedAtEnd:
             motions relative to the surfaces at the start.
 
     Raises:
-        ValueError: if `end` is not a solution, if the status of a node is about to change, or if
-            friction acts along a direction in which supports hold a node.
+        ValueError: if `end` is not a solution, if the status of a node is about to change, if
+            friction acts along a direction in which supports hold a node, or if nodes belong to
+            several pairs.
     """
 
     def __init__(
@@ -195,8 +196,17 @@ class EquationsLinearisedAtEnd:
         self._by_friction = np.einsum("nat,nt->na", to_global[:, :, 1:], friction)
 
     def _raise_if_not_differentiable(self, end: NewtonIterate) -> None:
-        """Raise ValueError if a status is about to change, or if supports carry friction forces."""
+        """Raise ValueError if derivatives do not exist or are not available.
+
+        The causes are a status about to change, friction that supports carry, and nodes that belong
+        to several pairs.
+        """
         interface, nodes = self._system.interface, end.nodes
+        if interface.shared_nodes.exist:
+            raise ValueError(
+                "has contact nodes that belong to several pairs: its derivatives are not "
+                "available. Leave a facet between the pairs"
+            )
         is_closed = nodes.trial_pressure > 0
         on_supports = is_closed & (nodes.held_tangents & (nodes.force[:, 1:] != 0)).any(axis=1)
         on_supports |= is_closed & (nodes.has_prescribed_slip | nodes.is_coupled_to_surface)

@@ -47,6 +47,7 @@ from pw_elements.contact.iteration import (
     interpolate_targets,
     make_contact_state,
     make_target_in_equilibrium_with_state,
+    raise_if_force_shares_are_not_unique,
     recover_active_set_of_state,
     solve_increment,
 )
@@ -93,6 +94,7 @@ from pw_elements.contact.system import (
     ContactSystem,
     LinearSolveAccuracy,
     SolveCountAndReport,
+    check_solver_supports_shared_nodes,
     measure_cost,
 )
 from pw_elements.progress import log_on_root, report_activity
@@ -175,6 +177,7 @@ class SmallStrainStepping:
         self._remedies = {k: m for k, m in remedies.items() if k == "cutback" or not uses_krylov}
         self._n_first_attempt_solves = 0  # linear systems in the increment's first attempt
         self.interface = build_interface(pairs, space, self._reduction, read_record(K))
+        check_solver_supports_shared_nodes(self.interface, solver)
         check_stiffness_sign(K, self.interface, _WRONG_STIFFNESS_SIGN_REMEDY)
         self.space = self.interface.field.space
         self._smallness_check = SmallDisplacementAndSurfacePassingCheck(self.interface, self.space)
@@ -451,6 +454,7 @@ class SmallStrainStepping:
             state,
             lambda: self._measure_cost_since(target.free_motions, cost_before),
         )
+        raise_if_force_shares_are_not_unique(self.interface, end.nodes, end.allowance)
         slides = rigid.can_slide_at_exhausted_friction(end.nodes, end.allowance)
         smallness = self._smallness_check.check_passing_and_measure_smallness(increment, end, state)
         iterations, report = self._measure_cost_since(target.free_motions, cost_before)

@@ -370,7 +370,11 @@ def measure_residuals_and_allowances(
     nodal_force = residual_without_contact.array_r[displacements]
     first_node = interface.field.space.dofmap.index_map.local_range[0]
     # a supported component of the residual is a reaction; friction there is taken from the state
-    force = np.where(has_equation, nodal_force[interface.node - first_node], state_force)
+    node_force = np.where(has_equation, nodal_force[interface.node - first_node], state_force)
+    # at a node with several points, the forces of all except the first are taken from the state
+    additional_force = np.where(has_equation, state_force, 0.0)
+    force = interface.shared_nodes.subtract_additional_forces(node_force, additional_force)
+    force = np.where(has_equation, force, state_force)
     values, allowances = _measure_law_residuals_and_allowances(
         kinematics, force, has_equation | (state_force != 0), interface, scales
     )

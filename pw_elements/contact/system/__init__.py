@@ -11,5 +11,6 @@ from pw_elements.contact.system.system import (
     NO_COST,
     ContactSystem,
     SolveCountAndReport,
+    check_solver_supports_shared_nodes,
     measure_cost,
 )

@@ -35,11 +35,14 @@ class ContactSystemSolution:
     Args:
         reduced_unknowns: displacements reduced by the supports.
         free_motions: free motions (free,) of the surfaces, the same on every process.
+        additional_forces: forces (m, dim) of all contact points that are not the first one at their
+            node; zero at all other points.
         is_exact: whether round-off alone limits the accuracy.
         is_final: whether the solution is accurate enough to end an increment.
     """
 
     reduced_unknowns: PETSc.Vec
     free_motions: Array
+    additional_forces: Array
     is_exact: bool
     is_final: bool

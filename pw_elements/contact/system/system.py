@@ -4,8 +4,8 @@ The rows are derived in docs/theory.md ("The linear system"). If surfaces may ro
 include angles, and a `TorqueMap` sums forces and torques.
 
 The module guarantees that the assembled matrix has one sparsity pattern for all active sets, which
-is built before the iteration. `KrylovTangent` assembles no matrix. The module assumes that each
-equation contains the force of at most one component of one contact point.
+is built before the iteration. `KrylovTangent` assembles no matrix. The module assumes that the
+equations of a contact point contain no forces of points at other nodes.
 """
 
 from collections.abc import Callable, Sequence
@@ -30,6 +30,7 @@ from pw_elements.arrays import Array
 from pw_elements.contact.interface import ContactInterface
 from pw_elements.contact.model import EMPTY_SOLVER_REPORT, FreeMotionIndices
 from pw_elements.contact.nodes import LinearisedContactLaw, TorqueMap
+from pw_elements.contact.system.additional_forces import AdditionalForces
 from pw_elements.contact.system.assembled import (
     AssembledTangent,
     ContactLawRows,
@@ -131,6 +132,15 @@ class ContactTangent(Protocol):
         """Free the memory of the solver."""
 
 
+def check_solver_supports_shared_nodes(interface: ContactInterface, solver: LinearSolver) -> None:
+    """Raise ValueError for an iterative solver if nodes belong to several pairs."""
+    if interface.shared_nodes.exist and has_separate_supports(solver):
+        raise ValueError(
+            "Iterative() does not support nodes that belong to several contact pairs, whose forces "
+            "are unknowns of their own: use Direct(), or leave a facet between the pairs"
+        )
+
+
 class ContactSystem:
     """Linear equations of a body in contact, with the law of an active set at the contact points.
 
@@ -183,6 +193,17 @@ class ContactSystem:
         first_row, end_row = self.stiffness.getOwnershipRange()
         has_equation = interface.equation >= 0
         self._equations = np.where(has_equation, interface.equation - first_row, -1)
+        # forces that are unknowns, if nodes belong to several pairs
+        self._additional: AdditionalForces | None = None
+        self._additional_solution: Array = np.zeros(self._equations.shape)
+        if interface.shared_nodes.exist:
+            self._additional = AdditionalForces(
+                interface.shared_nodes, self._equations, self.stiffness
+            )
+            self._equations = self._additional.law_equations
+        n_rows = end_row - first_row
+        # local numbers of the equations that the law replaces
+        self._replaced = self._equations[(self._equations >= 0) & (self._equations < n_rows)]
         self.set_force_operator(interface.force)
         self.tangent: ContactTangent
         self._motion = interface.motion
@@ -209,26 +230,31 @@ class ContactSystem:
             )
             self.tangent = KrylovTangent(K, reduction.supports, points, solver, self.stiffness)
             return
-        self._reduced_motion = reduced_motion
+        self._reduced_motion = self._insert_additional_columns(reduced_motion)
         self._borders = make_map_from_free_motions_to_points(
             free_motions,
             interface.pair,
             torque_map.V.shape[2],
-            n_empty_columns=reduced_motion.shape[1] - len(free_motions),
+            n_empty_columns=self._reduced_motion.shape[1] - len(free_motions),
         )
         local_forces, contact_rows, csr = (
             self._assemble_contact_force_rows_contact_rows_and_matrix()
         )
-        self.law_scale = masked_row_mean_or_one(
-            extract_entries_at_own_equations(local_forces, interface.equation) / motion_diagonal,
-            has_equation,
-        )
+        columns = interface.equation
+        if self._additional is not None:
+            columns = self._additional.convert_to_columns(columns)
+        force_diagonal = extract_entries_at_own_equations(local_forces, columns)
+        force_diagonal = force_diagonal[interface.shared_nodes.first_point]
+        self.law_scale = masked_row_mean_or_one(force_diagonal / motion_diagonal, has_equation)
         sizes = len(csr[0]) - 1, local_forces.shape[1]
         matrix = PETSc.Mat().createAIJ((sizes, sizes), csr=csr, comm=self.comm)
         has_enclosed_pressure = partial(
-            has_free_constant_pressure, self.stiffness, reduction, self._equations[has_equation]
+            has_free_constant_pressure, self.stiffness, reduction, self._replaced
         )
-        n_borders = len(csr[0]) - 1 - (end_row - first_row)
+        n_borders = len(csr[0]) - 1 - n_rows
+        if self._additional is not None:
+            first_row = self._additional.first_row
+            n_borders -= self._additional.n_local
         self.tangent = AssembledTangent(
             matrix, contact_rows, first_row, n_borders, solver, has_enclosed_pressure
         )
@@ -249,7 +275,8 @@ class ContactSystem:
 
         The force rows are the matrix (m dim, n) that turns displacements into contact forces.
         """
-        K, equation = self.stiffness, self.interface.equation.ravel()
+        K, is_additional = self.stiffness, self.interface.shared_nodes.is_additional
+        equation = np.where(is_additional[:, None], -1, self.interface.equation).ravel()
         sizes = self._reduced_force.getSizes()
         L = matrix_with_single_entry_rows(equation, sizes, self.comm, self._force_factor.ravel())
         forces = L.matMult(K)
@@ -260,6 +287,10 @@ class ContactSystem:
         eliminated, local_forces = (
             extract_local_rows(matrix, len(self.free_motions)) for matrix in (K, forces)
         )
+        if self._additional is not None:
+            eliminated, local_forces = self._additional.extend_rows(
+                eliminated, local_forces, self._opposite_force
+            )
         rows = ContactLawRows(local_forces, self._reduced_motion, self._borders, self._equations)
         border = gather_balance_rows_on_last_rank(
             self._assemble_force_balance_contributions(local_forces), self.springs, self.comm
@@ -340,12 +371,17 @@ class ContactSystem:
         def assemble() -> tuple[ContactLawRows, CsrArrays]:
             self.stiffness = reduce_matrix(self.reduction, K)
             self._motion = motion_operator
-            self._reduced_motion = extract_local_rows(
-                motion_operator.matMult(self.reduction.right), len(self.free_motions)
+            self._reduced_motion = self._insert_additional_columns(
+                extract_local_rows(
+                    motion_operator.matMult(self.reduction.right), len(self.free_motions)
+                )
             )
             return self._assemble_contact_force_rows_contact_rows_and_matrix()[1:]
 
         self.tangent.update_stiffness(assemble, pattern_changed=True)
+
+    def _insert_additional_columns(self, rows: sp.csr_matrix) -> sp.csr_matrix:
+        return rows if self._additional is None else self._additional.insert_columns(rows)
 
     def update_stiffness_and_free_motion_springs(self, K: PETSc.Mat, springs: Array) -> None:
         """Update the matrix for a new stiffness (n, n) and new springs (free,) of free motions."""
@@ -425,13 +461,19 @@ class ContactSystem:
         rhs, balance_rhs = self.assemble_right_hand_sides(load, law, free_motion_loads, torque_map)
         solution = self.tangent.solve(rhs, balance_rhs, law, accuracy)
         reduced_unknowns = load.duplicate()
-        reduced_unknowns.setArray(solution.unknowns[: len(rhs)])
+        reduced_unknowns.setArray(solution.unknowns[: load.getLocalSize()])
+        if self._additional is not None:
+            self._additional_solution = self._additional.expand_solution(solution.unknowns)
         motions, last_rank = np.zeros(len(self.free_motions)), self.comm.size - 1
         if self.comm.rank == last_rank:
             motions[:] = solution.unknowns[len(rhs) :]
         self.comm.Bcast(motions, last_rank)
         return ContactSystemSolution(
-            reduced_unknowns, motions, solution.is_exact, solution.is_final
+            reduced_unknowns,
+            motions,
+            self._additional_solution,
+            solution.is_exact,
+            solution.is_final,
         )
 
     def assemble_right_hand_sides(
@@ -449,10 +491,10 @@ class ContactSystem:
             free_motion_loads: prescribed forces and torques (free,) of the free motions.
             torque_map: map from motions of the surfaces to velocities of the contact nodes.
         """
-        point_load, rhs = (
-            self._extract_nodal_forces(load),
-            self._eliminate_forces_at_opposite_nodes(load),
-        )
+        point_load = self._extract_nodal_forces(load)
+        rhs = self._eliminate_forces_at_opposite_nodes(load, point_load)
+        if self._additional is not None:
+            rhs = self._additional.append_to_right_hand_side(rhs)
         has_equation = self._equations >= 0
         law_right = np.einsum("nab,nb->na", law.E, point_load) + law.c
         rhs[self._equations[has_equation]] = law_right[has_equation]
@@ -483,20 +525,27 @@ class ContactSystem:
         return np.where(self._equations >= 0, equation_values[self._equations], 0.0)
 
     def split_residual_into_contact_and_unbalanced_forces(
-        self, residual: PETSc.Vec
+        self, residual: PETSc.Vec, additional_forces: Array | None = None
     ) -> tuple[Array, Array]:
         """Split the residual into contact forces and unbalanced forces.
 
         Args:
             residual: stiffness times displacements minus load, (n_r,), reduced by the supports.
+            additional_forces: forces (m, dim) of the points, of which only those at points that are
+                not the first one at their node are used. By default, the last solution of `solve`.
 
         Returns:
             Nodal contact forces (m, dim), and magnitudes (n_r,) of the unbalanced forces in this
             process' equations.
         """
-        unbalanced = np.abs(self._eliminate_forces_at_opposite_nodes(residual))
-        unbalanced[self._equations[self._equations >= 0]] = 0.0
-        return self._extract_nodal_forces(residual), unbalanced
+        forces = self._extract_nodal_forces(residual)
+        if self._additional is not None:
+            if additional_forces is None:
+                additional_forces = self._additional_solution
+            forces = self._additional.subtract_from_node_forces(forces, additional_forces)
+        unbalanced = np.abs(self._eliminate_forces_at_opposite_nodes(residual, forces))
+        unbalanced[self._replaced] = 0.0
+        return forces, unbalanced
 
     def evaluate_relative_point_displacements(self, unknowns: PETSc.Vec) -> Array:
         """Return the displacements (m, dim) of the contact points relative to the opposite side.
@@ -581,11 +630,17 @@ class ContactSystem:
         """Return the nodal forces (m, dim) of the contact points in a vector of equation values.
 
         The vector has one value, such as a load or residual, for each reduced equation. The result
-        is 0 for components that have no equation because supports prescribe them.
+        is 0 for components that have no equation because supports prescribe them. At a node with
+        several points, the first point has the whole force, and all others have none.
         """
-        return self.extract_own_equation_values(equation_values.array_r) * self._force_factor
+        values = equation_values.array_r
+        if self._additional is not None:
+            values = self._additional.append_to_right_hand_side(values)
+        return self.extract_own_equation_values(values) * self._force_factor
 
-    def _eliminate_forces_at_opposite_nodes(self, equation_values: PETSc.Vec) -> Array:
+    def _eliminate_forces_at_opposite_nodes(
+        self, equation_values: PETSc.Vec, point_forces: Array
+    ) -> Array:
         """Return the values (n,) of this process' equations without forces at opposite nodes.
 
         Contact forces are not eliminated from the contact points' own equations, because the law
@@ -593,12 +648,13 @@ class ContactSystem:
 
         Args:
             equation_values: values of the reduced equations.
+            point_forces: forces (m, dim) of the contact points in the same vector.
         """
         local: Array = equation_values.array_r.copy()
         if self._opposite_force is None:
             return local
         forces, opposite = self._opposite_force.createVecLeft(), equation_values.duplicate()
-        forces.setArray(self._extract_nodal_forces(equation_values))
+        forces.setArray(point_forces)
         self._opposite_force.multTranspose(forces, opposite)
         return local + opposite.array_r
 
