@@ -430,7 +430,7 @@ class ContactSystem:
             friction_springs: stiffness (free,) that support friction adds to the free motions.
         """
         self.n_solves += 1
-        return self.solve_with_last_matrix(
+        solution = self.solve_with_last_matrix(
             load,
             law,
             free_motion_loads,
@@ -438,6 +438,8 @@ class ContactSystem:
             accuracy=accuracy,
             friction_springs=friction_springs,
         )
+        self._additional_solution = solution.additional_forces
+        return solution
 
     def solve_with_last_matrix(
         self,
@@ -462,8 +464,9 @@ class ContactSystem:
         solution = self.tangent.solve(rhs, balance_rhs, law, accuracy)
         reduced_unknowns = load.duplicate()
         reduced_unknowns.setArray(solution.unknowns[: load.getLocalSize()])
+        additional_forces = self._additional_solution
         if self._additional is not None:
-            self._additional_solution = self._additional.expand_solution(solution.unknowns)
+            additional_forces = self._additional.expand_solution(solution.unknowns)
         motions, last_rank = np.zeros(len(self.free_motions)), self.comm.size - 1
         if self.comm.rank == last_rank:
             motions[:] = solution.unknowns[len(rhs) :]
@@ -471,7 +474,7 @@ class ContactSystem:
         return ContactSystemSolution(
             reduced_unknowns,
             motions,
-            self._additional_solution,
+            additional_forces,
             solution.is_exact,
             solution.is_final,
         )
