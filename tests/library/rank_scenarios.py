@@ -30,6 +30,7 @@ from pw_elements import (
     assemble_vector,
     boundary_measure,
     forces_along,
+    history_space,
     lumped_mass,
     nodal_flux,
     prescribe,
@@ -117,7 +118,7 @@ class BlockWithDifferingRank:
             form += history_function * v[1] * ufl.dx
         pair = ContactPair(BOTTOM_MARKER, surface, friction)
         problem = ContactProblem.of_residual(
-            form, u, [*top_conditions, *conditions], pair, history=list(history), **options
+            form, u, [*top_conditions, *conditions], pair, history=history, **options
         )
         return problem.step(problem.undeformed, load, Motion((0, 0.01)))
 
@@ -138,6 +139,10 @@ class BlockWithDifferingRank:
         function = fem.Function(space or fem.functionspace(self.mesh, ("Lagrange", 1)))
         function.x.array[:] = value
         return function
+
+    def make_history_number(self):
+        """Return a function with one value at each material point."""
+        return fem.Function(history_space(self.spaces)[0])
 
     def make_constant(self, value):
         return fem.Constant(self.mesh, value)
@@ -249,6 +254,10 @@ def make_value_setter(function, value):
 
 # Calls with an argument w.pick(wrong, right), which is wrong on one process
 CALLS_INVALID_ON_ONE_RANK = {
+    "shape of a new value of the history": lambda w: w.solve_residual_step(
+        history={(number := w.make_history_number()): w.pick(ufl.grad(number), 1.5 * number)}
+    ),
+    "shape of a history space": lambda w: history_space(w.spaces, w.pick((0,), (3,))),
     "modulus -1": lambda w: w.make_body(w.pick(-1.0, 1.0), 0.3),
     "modulus nan": lambda w: w.make_body(w.pick(NAN, 1.0), 0.3),
     "modulus a word": lambda w: w.make_body(w.pick("x", 1.0), 0.3),
@@ -450,6 +459,12 @@ CALLS_DIFFERENT_ON_ONE_RANK = {
     ),
     "load missing": lambda w: w.solve_nonlinear(load=w.pick(None, lambda share: None)),
     "history": lambda w: w.solve_residual_step(history=[w.make_function(0.0)] * w.pick(0, 1)),
+    "new value of the history": lambda w: w.solve_residual_step(
+        history={(number := w.make_history_number()): number + w.pick(0.1, 0.2)}
+    ),
+    "new value of the history missing": lambda w: w.solve_residual_step(
+        history=w.pick([number := w.make_history_number()], {number: 1.5 * number})
+    ),
     "motion": lambda w: w.solve_step([Motion((0, w.pick(-0.1, 0.0)))]),
     "motion missing": lambda w: w.solve_step(w.pick([], [Motion((0, -0.1))])),
     "count": lambda w: vibration_modes(
@@ -531,6 +546,9 @@ CALLS_NAN_ON_ONE_RANK = {
         max_iterations=25,
         callback=None,
     ),
+    "history that a new value sets": lambda w: w.solve_residual_step(
+        history={(number := w.make_history_number()): number / w.make_function(w.pick(0.0, 1.0))}
+    ),
     "history from the start": lambda w: w.solve_residual_step(
         history=[w.make_function(w.pick(NAN, 0.0))]
     ),
@@ -594,6 +612,9 @@ CALLS_SUCCEEDING_ON_ALL_RANKS = {
     ),
     "update talks": lambda w: w.solve_residual_step(
         update=lambda: return_after_collective_call(None)
+    ),
+    "new value of the history": lambda w: w.solve_residual_step(
+        history={(number := w.make_history_number()): 1.5 * number}
     ),
     "path talks": lambda w: w.solve_impact(paths=lambda t: return_after_collective_call((0, 0))),
     "callback of one process": lambda w: w.solve_contact(

@@ -13,6 +13,7 @@ from mpi4py import MPI
 
 import numpy as np
 from dolfinx import fem
+from ufl.algorithms import extract_arguments
 from ufl.core.expr import Expr
 
 from pw_elements._compat import interpolation_points
@@ -55,6 +56,7 @@ def check_and_list_history_functions(
                 )
             for number, (function, new_value) in enumerate(history.items()):
                 _check_new_value(f"function {number} of the history", function, new_value)
+            same["the new values of the history"] = list(history.values())
     return functions
 
 
@@ -62,6 +64,10 @@ def _check_new_value(name: str, function: fem.Function, new_value: object) -> No
     """Raise an error if an expression cannot be the new value of a history function."""
     arguments.check_type(f"the new value of {name}", new_value, Expr, "give a UFL expression")
     assert isinstance(new_value, Expr)
+    if extract_arguments(new_value):
+        raise ValueError(
+            f"the new value of {name} has a test or trial function: use the unknown function"
+        )
     if new_value.ufl_shape != function.ufl_shape:
         raise ValueError(
             f"the new value of {name} has the shape {new_value.ufl_shape}, and the function has "
