@@ -28,7 +28,9 @@ COARSE_MESH_SETTINGS = {
     "heated_joint": "cells, side = 6, 20.0",
     "identify": "cells, nu = 4, 0.45",
     "poisson": "cells = 8",
+    "indentation_hardness": "cells = 14",
     "press_fit": "size = 3.0",
+    "relaxing_seal": "cells = 5",
     "roller_on_dome": "size, zone = 0.25, 1.6",
     "rubber_punch": "cells = 4",
     "rubber_roller": "cells = 3",
@@ -208,6 +210,34 @@ def test_seal_force_equals_lindleys_formula(run_example):
     assert names["force"] / (2 * np.pi * names["ring"]) == pytest.approx(lindley, rel=0.05)
     assert names["held"].sum() > 12
     assert names["push"][names["held"]].min() > 0
+
+
+def test_relaxing_seal_force_decays_with_the_relaxation_time(run_example):
+    """Held forces differ from their limit by a multiple of exp(-t / tau), as for a fixed shape."""
+    names = run_example("relaxing_seal")
+    times, forces = names["times"], np.array(names["forces"])
+    held = slice(np.flatnonzero(times == 5.0)[0], None)
+    assert forces.argmax() == held.start
+    decay = np.exp(-times[held] / names["tau"])
+    amplitudes = np.diff(forces[held]) / np.diff(decay)
+    assert amplitudes == pytest.approx(amplitudes[0], rel=0.02)
+    limit = forces[-1] - amplitudes[-1] * decay[-1]
+    stiffest = 1 + names["branch_modulus"] / names["slow"]
+    assert 1.8 * limit < forces.max() < stiffest * limit
+
+
+def test_indentation_hardness_is_a_multiple_of_the_yield_stress(run_example):
+    """The mean pressure is Tabor's, and the first unloading has the slope of an elastic punch."""
+    names = run_example("indentation_hardness")
+    forces, depths, pair = np.array(names["forces"]), np.array(names["depths"]), names["pair"]
+    assert np.all(np.diff(forces[:9]) > 0)
+    assert np.mean(names["pressures"][4:8]) / names["limit"] == pytest.approx(2.8, rel=0.1)
+    contact_radius = np.sqrt(1e3 * forces[8] / (np.pi * names["pressures"][7]))
+    slope = 1e3 * (forces[8] - forces[9]) / (depths[7] - depths[8])
+    plane_strain_modulus = names["E"] / (1 - names["nu"] ** 2)
+    assert slope == pytest.approx(2 * plane_strain_modulus * contact_radius, rel=0.15)
+    assert np.all(pair.status == OPEN)
+    assert -0.08 < pair.displacement[:, 1].min() < -0.07
 
 
 def test_seepage_inflow_equals_outflow(run_example):

@@ -35,6 +35,8 @@ GALLERY_ORDER = (
     "shaft_seal",
     "snap_fit",
     "seal",
+    "relaxing_seal",
+    "indentation_hardness",
     "buckling",
     "heated_joint",
     "seepage",
