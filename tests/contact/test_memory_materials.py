@@ -57,7 +57,9 @@ def test_history_functions_have_their_values_at_the_points_of_the_cell_measure(c
     mesh = MESH_MAKERS_BY_CELL[cell]()
     spaces = getattr(Spaces, kind)(mesh)
     x = ufl.SpatialCoordinate(mesh)
-    expression = ufl.exp(ufl.sin(5 * x[0]) + x[1] ** 2) * ufl.as_vector([1, x[-1]])
+    expression = ufl.exp(ufl.sin(5 * x[0]) + x[1] ** 2) * ufl.as_vector(
+        [1, x[mesh.geometry.dim - 1]]
+    )
     space, dx = history_space(spaces, (2,), degree)
     values = fem.Function(space)
     points = space.element.interpolation_points

@@ -86,18 +86,18 @@ def ramped_block(element: str, steps: int) -> Result:
     def integrand(s: float, axis: int) -> float:
         return float(np.exp(s - RAMP_TIME) * _slow_stress(COMPRESSION * s / RAMP_TIME)[axis])
 
-    # the convolution, integrated by parts
+    # by parts
     memory = [quad(integrand, 0, RAMP_TIME, (axis,), epsabs=1e-13)[0] for axis in range(2)]
     exact = _block_force(stress + BRANCH_MODULUS * (stress - memory))
     return _make_result({"force_error": abs(forces[-1] / exact - 1)}, {})
 
 
 def seal(element: str, steps: int) -> Result:
-    """Compress a seal of circular cross-section at a constant speed, and hold it.
+    """Compress a seal of circular section at a constant speed, and hold it.
 
     Args:
         element: Name of a hybrid element such as "pw-hybrid-T6".
-        steps: Number of time steps of the compression, and of the holding time.
+        steps: Number of time steps of the ramp, and of the holding time.
     """
     square = triangles(MPI.COMM_SELF, (0, 0), (1, 1), (SEAL_CELLS, SEAL_CELLS), "crossed")
     quarter = curved_mesh(square, lambda x: x * np.sqrt(1 - x[:, [1, 0, 2]] ** 2 / 2))
@@ -140,7 +140,7 @@ def _compress(
     """Compress rubber in plane strain below a plate.
 
     Returns:
-        Forces of the plate (steps,) and states.
+        Forces (steps,) of the plate; states.
     """
     spaces = make_element_spaces(element, mesh)
     tensors, dx = history_space(spaces, (3, 3), DEGREE)
@@ -156,7 +156,10 @@ def _compress(
     problem = ContactProblem.of_residual(
         (ufl.inner(stress, _plane_strain_gradient(v)) - q * (J - 1)) * dx,
         solution,
-        [prescribe(spaces.trial, k, lambda x, k=k: np.isclose(x[k], 0)) for k in range(2)],
+        [
+            prescribe(spaces.trial, 0, lambda x: np.isclose(x[0], 0)),
+            prescribe(spaces.trial, 1, lambda x: np.isclose(x[1], 0)),
+        ],
         ContactPair(is_contact_side, Plane((0.0, 1.0), (0.0, -1.0))),
         history={branch: new_branch, slow: new_slow, start_time: time},
     )
@@ -176,13 +179,13 @@ def _plane_strain_gradient(u: Expr) -> Expr:
 
 
 def _slow_stress(compression: float) -> Array:
-    """Return the principal stresses (2,) S of the block, across and along its compression."""
+    """Return the stresses S (2,) of the block, across and along its compression."""
     stretch = np.array([1 / (1 - compression), 1 - compression])
     return np.asarray(1 - (1 + np.sum(stretch**2)) / (3 * stretch**2))
 
 
 def _block_force(stress: Array) -> float:
-    """Return the force on the compressed block with free sides from its stresses (2,)."""
+    """Return the force on the compressed block from its stresses (2,)."""
     height = 1 - COMPRESSION
     return float(stress[0] / height**3 - stress[1] * height)
 
