@@ -242,6 +242,10 @@ def make_valid_collective_calls(comm):
             pw_elements.meshes.from_gmsh,
             {"comm": comm, "source": str(ROOT / "examples/gasket.msh")},
         ),
+        "history_space": (
+            pw_elements.history_space,
+            {"spaces": w.spaces, "shape": (2,), "quadrature_degree": 4},
+        ),
         "lumped_mass": (lumped_mass, {"M": w.M, "space": w.U}),
         "move_nodes": (pw_elements.meshes.move_nodes, {"mesh": w.mesh, "point_map": lambda x: x}),
         "nodal_flux": (
