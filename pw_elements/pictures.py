@@ -19,6 +19,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh, exterior_facet_indices
 from scipy.spatial.transform import Rotation
+from ufl.algorithms import extract_coefficients
 from ufl.core.expr import Expr
 from ufl.domain import extract_unique_domain
 
@@ -177,6 +178,11 @@ def _check_fields(mesh: Mesh, values: Expr | None, displacement: fem.Function | 
             raise ValueError("values are a constant: there is nothing to draw")
         if domain != mesh.ufl_domain():
             raise ValueError("the values belong to another mesh")
+        if any(f.ufl_element().has_custom_quadrature for f in extract_coefficients(values)):
+            raise ValueError(
+                "the values contain a history function, which has values at quadrature points "
+                "alone: draw mean values of cells"
+            )
     if displacement is not None:
         remedy = "as_function(U, a) makes a function of a vector"
         arguments.check_type("displacement", displacement, fem.Function, remedy)

@@ -38,6 +38,7 @@ from pw_elements import (
     draw,
     force_transfer,
     forces_along,
+    history_space,
     lumped_mass,
     nodal_flux,
     prescribe,
@@ -864,6 +865,14 @@ REFUSED_CALLS_WITH_MESSAGES = [
         lambda w: w.body.stress(fem.Function(w.problem_on_other_mesh[3])),
     ),
     ("values are a constant: there is", lambda w: draw(w.mesh, w.constant(1.0))),
+    (
+        "the values contain a history function",
+        lambda w: draw(w.mesh, 2 * fem.Function(history_space(w.body.spaces)[0])),
+    ),
+    (
+        "the values contain a history function",
+        lambda w: draw(w.mesh, fem.Function(history_space(w.body.spaces, (3, 3))[0])[0, 1]),
+    ),
     ("the path '\\x00' has a null character", lambda w: w.contact_problem.load("\0")),
     ("TypeError: the image is of the type Mat", lambda w: move_nodes(rectangle_mesh(), w.K)),
     ("its part `left` is an empty matrix", lambda w: replace(w.clamped, left=PETSc.Mat())),
