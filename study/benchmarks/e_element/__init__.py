@@ -1,0 +1,1 @@
+"""Section E: solvability and uniqueness of the element, and its family."""

@@ -1,0 +1,511 @@
+"""Stiffness matrices of many small meshes, and how far they are from singular ones.
+
+All meshes of an element have one topology, so that their matrices are computed together by NumPy.
+A test compares them with the library's matrices on single meshes.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import permutations, product
+from typing import Literal
+
+import basix
+import numpy as np
+import numpy.typing as npt
+
+from pw_elements.spaces import piecewise_linear_sub_cell_element, quadratic_element
+from pw_elements.spaces.elements import tetrahedron_twelve_cell_quadrature
+from study.model.units import assign_unit_one_to_scalars
+from study.run.store import Result
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+Geometry = Literal["affine", "straight", "curved"]
+Shape = Literal["layers", "columns", "needles"]
+
+CELL_BY_ELEMENT = {
+    "T6": "triangle",
+    "Q8": "triangle",
+    "Q9": "quadrilateral",
+    "T10": "tetrahedron",
+    "H27": "hexahedron",
+}
+CELLS_PER_SIDE = {2: 4, 3: 2}
+"""Number of squares or cubes along a side of the meshed unit square or cube, by dimension."""
+QUADRATURE_DEGREE: dict[Geometry, int] = {"affine": 5, "straight": 5, "curved": 8}
+"""Degree of the quadrature rule on each sub-cell: the library's degree on such cells."""
+
+
+@dataclass(frozen=True)
+class MeshParameters:
+    """Parameters of a mesh of the unit square or cube that is stretched and distorted at random.
+
+    Attributes:
+        element: Name of the element, a key of `CELL_BY_ELEMENT`.
+        geometry: "affine" for a regular mesh that is mapped linearly, "straight" for shifted
+            vertices, "curved" for shifted mid-side, face and centre nodes as well.
+        shape: How the mesh is stretched. "layers": along an axis of the clamped base; "columns":
+            away from the base; shifts are then relative to the shortest side of a cell, so that
+            angles stay away from 180 degrees. "needles": along any axis after the shifts, so that
+            angles approach 180 degrees.
+        aspect_ratio: Factor of the stretch.
+        shift: Largest random shift along each axis, relative to a side of a cell. In curved meshes
+            vertices are shifted by `VERTEX_SHIFT_OF_CURVED_MESHES`. In affine meshes it is the
+            largest entry of the linear map less the unit matrix.
+        seed: Seed of the random numbers, which also selects the axis of the stretch.
+    """
+
+    element: str
+    geometry: Geometry
+    shape: Shape
+    aspect_ratio: float
+    shift: float
+    seed: int
+
+
+VERTEX_SHIFT_OF_CURVED_MESHES = 0.1
+MAX_TRIALS_PER_MESH = 500
+"""Number of random distortions that are tried until no cell has a point with det J <= 0."""
+
+
+@dataclass(frozen=True)
+class Topology:
+    """Nodes of the quadratic cells of a unit square or cube.
+
+    Attributes:
+        lattice: Integer coordinates (n, dim) of the nodes; those of vertices are even.
+        cells: Numbers of the nodes (cells, nodes per cell), in Basix's order.
+        corner_weights: Matrix (nodes per cell, vertices) that interpolates between the vertices.
+        base: Mask (n,) of nodes in the base, whose last coordinate is 0.
+    """
+
+    lattice: Indices
+    cells: Indices
+    corner_weights: Array
+    base: npt.NDArray[np.bool_]
+
+
+@cache
+def make_topology(cell: str, n: int) -> Topology:
+    """Divide the unit square or cube into n squares or cubes per side, and these into cells."""
+    kind = basix.CellType[cell]
+    dim = len(basix.topology(kind)) - 1
+    if cell in ("quadrilateral", "hexahedron"):
+        corners = [np.array([2 * v for v in basix.geometry(kind)], dtype=int)]
+    else:  # one simplex for each order of the axes, along a path from one end to the other
+        paths = [np.eye(dim, dtype=int)[list(order)] for order in permutations(range(dim))]
+        corners = [2 * np.vstack([np.zeros(dim, dtype=int), path.cumsum(axis=0)]) for path in paths]
+        for simplex in corners:
+            if np.linalg.det(simplex[1:] - simplex[0]) < 0:
+                simplex[[1, 2]] = simplex[[2, 1]]
+    points = basix.create_element(basix.ElementFamily.P, kind, 2).points
+    linear = basix.create_element(basix.ElementFamily.P, kind, 1)
+    weights = linear.tabulate(0, points)[0, :, :, 0]
+    origins = 2 * np.array(list(product(range(n), repeat=dim)))
+    in_square = np.rint(weights @ np.array(corners)).astype(int)
+    positions = (origins[:, None, None] + in_square).reshape(-1, len(points), dim)
+    shape = (2 * n + 1,) * dim
+    cells = np.ravel_multi_index(tuple(np.moveaxis(positions, -1, 0)), shape)
+    lattice = np.array(list(np.ndindex(shape)))
+    used, cells = np.unique(cells, return_inverse=True)
+    lattice = lattice[used]
+    return Topology(lattice, cells.reshape(positions.shape[:2]), weights, lattice[:, -1] == 0)
+
+
+def topology_of(element: str) -> Topology:
+    """Return the topology of the meshes of an element."""
+    cell = CELL_BY_ELEMENT[element]
+    dim = 3 if cell in ("tetrahedron", "hexahedron") else 2
+    return make_topology(cell, CELLS_PER_SIDE[dim])
+
+
+def make_cell_nodes(mesh: MeshParameters) -> Array:
+    """Return the positions (cells, nodes per cell, dim) of the nodes of a distorted mesh.
+
+    Raises:
+        ValueError: If no mesh without inverted cells is found.
+    """
+    topology = topology_of(mesh.element)
+    lattice, cells = topology.lattice, topology.cells
+    n_vertices, dim = topology.corner_weights.shape[1], lattice.shape[1]
+    stretch = np.ones(dim)
+    n_axes = {"layers": dim - 1, "columns": 1, "needles": dim}[mesh.shape]
+    stretch[-1 if mesh.shape == "columns" else mesh.seed % n_axes] = mesh.aspect_ratio
+    before, after = (stretch, 1.0) if mesh.shape != "needles" else (1.0, stretch)
+    cell_size = 1 / CELLS_PER_SIDE[dim]
+    is_curved, is_affine = mesh.geometry == "curved", mesh.geometry == "affine"
+    vertex_shift = VERTEX_SHIFT_OF_CURVED_MESHES if is_curved else 0.0 if is_affine else mesh.shift
+    is_vertex = np.zeros(len(lattice), dtype=bool)
+    is_vertex[cells[:, :n_vertices]] = True
+    stays_straight = is_vertex | (_is_inner_node_of_q8(topology) & (mesh.element == "Q8"))
+    rng = np.random.default_rng(mesh.seed)
+    _, table, _, _ = tabulate(CELL_BY_ELEMENT[mesh.element], QUADRATURE_DEGREE[mesh.geometry])
+    for _ in range(MAX_TRIALS_PER_MESH):
+        shifts = rng.uniform(-1, 1, lattice.shape) * cell_size
+        shifts[topology.base, -1] = 0.0
+        x = lattice * before * cell_size / 2 + vertex_shift * shifts
+        nodes = np.einsum("iv,cvd->cid", topology.corner_weights, x[cells[:, :n_vertices]])
+        if is_curved:
+            nodes += mesh.shift * np.where(stays_straight[:, None], 0.0, shifts)[cells]
+        if is_affine:
+            nodes = nodes @ (np.eye(dim) + mesh.shift * rng.uniform(-1, 1, (dim, dim)))
+        jacobians = np.einsum("cnd,rqn->cqdr", nodes, table)
+        if np.linalg.det(jacobians).min() > 0:
+            return np.asarray(nodes * after)
+    raise ValueError(f"each of {MAX_TRIALS_PER_MESH} distorted meshes has inverted cells: {mesh}")
+
+
+def _is_inner_node_of_q8(topology: Topology) -> npt.NDArray[np.bool_]:
+    """Return a mask (n,) of the nodes in the middle of squares, which are condensed in Q8."""
+    return np.asarray((topology.lattice % 2 == 1).all(axis=1))
+
+
+@cache
+def tabulate(cell: str, degree: int) -> tuple[Array, Array, Array, Array]:
+    """Tabulate the functions of a cell at the points of a rule on its sub-cells.
+
+    Returns:
+        Quadrature weights (q,), slopes (dim, q, nodes) of shape and of weight functions, and values
+        (q, vertices) of the pressure's functions.
+    """
+    kind = basix.CellType[cell]
+    if cell == "tetrahedron":
+        points, weights = tetrahedron_twelve_cell_quadrature(degree)
+    else:
+        points, weights = basix.make_quadrature(
+            kind, degree, polyset_type=basix.PolysetType.macroedge
+        )
+    dim = points.shape[1]
+    shapes = quadratic_element(cell).tabulate(1, points)[1 : dim + 1]
+    pw = piecewise_linear_sub_cell_element(cell).tabulate(1, points)[1 : dim + 1]
+    pressure = basix.create_element(basix.ElementFamily.P, kind, 1).tabulate(0, points)
+    return weights, shapes, pw, pressure[0, :, :, 0]
+
+
+@dataclass(frozen=True)
+class LameMatrices:
+    """Matrices of a clamped mesh for Lamé's constants 1.
+
+    With constants mu and lambda, stiffness is mu `shear` + lambda `bulk`. Of the displacements with
+    a pressure p, equilibrium is mu `shear` u - `gradient` p, and volume `divergence` u +
+    `pressure` p / lambda.
+
+    Attributes:
+        shear: Matrix (n, n) of 2 eps(N):eps(W).
+        bulk: Matrix (n, n) of div N div W.
+        gradient: Matrix (n, vertices) of q div W.
+        divergence: Matrix (vertices, n) of q div N.
+        pressure: Matrix (vertices, vertices) of p q.
+    """
+
+    shear: Array
+    bulk: Array
+    gradient: Array
+    divergence: Array
+    pressure: Array
+
+
+def assemble(mesh: MeshParameters, has_new_weights: bool) -> LameMatrices:
+    """Assemble the matrices of a mesh with new weight functions or, if not, the standard ones."""
+    topology = topology_of(mesh.element)
+    cells, dim = topology.cells, topology.lattice.shape[1]
+    n_nodes, n_vertices = len(topology.lattice), topology.corner_weights.shape[1]
+    weights, shapes, pw, pressure = tabulate(
+        CELL_BY_ELEMENT[mesh.element], QUADRATURE_DEGREE[mesh.geometry]
+    )
+    nodes = make_cell_nodes(mesh)
+    jacobians = np.einsum("cnd,rqn->cqdr", nodes, shapes)
+    determinants, inverse = np.linalg.det(jacobians), np.linalg.inv(jacobians)
+    n_cells, n_points = determinants.shape
+    dx = weights * determinants
+
+    def slopes(table: Array) -> Array:
+        """Return slopes in space (cells, q, nodes per cell * dim)."""
+        return np.einsum("rqn,cqrd->cqnd", table, inverse).reshape(n_cells, n_points, -1)
+
+    trial = slopes(shapes)
+    test = slopes(pw) if has_new_weights else trial
+    n_local = cells.shape[1]
+    G = (test * dx[..., None]).transpose(0, 2, 1) @ trial
+    bulk = G.reshape(n_cells, n_local, dim, n_local, dim)
+    shear = np.einsum("ciajb->cibja", bulk) + np.einsum("cikjk,ab->ciajb", bulk, np.eye(dim))
+    divergence = np.einsum("qp,cq,cqk->cpk", pressure, dx, trial)
+    gradient = np.einsum("qp,cq,cqk->ckp", pressure, dx, test)
+    mass = np.einsum("qp,cq,qr->cpr", pressure, dx, pressure)
+
+    unknowns = (cells[:, :, None] * dim + np.arange(dim)).reshape(n_cells, -1)
+    vertices, vertex_numbers = np.unique(cells[:, :n_vertices], return_inverse=True)
+    vertex_numbers = vertex_numbers.reshape(n_cells, n_vertices)
+    free = np.repeat(~topology.base, dim)
+    sizes = {"u": n_nodes * dim, "p": len(vertices)}
+    numbers = {"u": unknowns, "p": vertex_numbers}
+    keep = {"u": free, "p": np.ones(len(vertices), dtype=bool)}
+
+    def add(blocks: Array, rows: str, columns: str) -> Array:
+        matrix = np.zeros((sizes[rows], sizes[columns]))
+        np.add.at(matrix, (numbers[rows][:, :, None], numbers[columns][:, None, :]), blocks)
+        return np.asarray(matrix[np.ix_(keep[rows], keep[columns])])
+
+    shape = (n_cells, n_local * dim, n_local * dim)
+    return LameMatrices(
+        add(shear.reshape(shape), "u", "u"),
+        add(bulk.reshape(shape), "u", "u"),
+        add(gradient, "u", "p"),
+        add(divergence, "p", "u"),
+        add(mass, "p", "p"),
+    )
+
+
+@dataclass(frozen=True)
+class Solvability:
+    """How far a matrix is from a singular one, in the standard element's energy norm.
+
+    Attributes:
+        sigma_min: Least singular value; 1 for the standard element in displacements.
+        symmetric_min: Least eigenvalue of the symmetric part.
+        is_negative: Whether the determinant's sign differs from that of the standard element.
+    """
+
+    sigma_min: float
+    symmetric_min: float
+    is_negative: bool
+
+
+def condense_inner_nodes(K: Array, is_inner: npt.NDArray[np.bool_]) -> Array:
+    """Return the matrix of the other unknowns if equations and unknowns of inner nodes are kept."""
+    kept = ~is_inner
+    column = np.linalg.solve(K[np.ix_(is_inner, is_inner)], K[np.ix_(is_inner, kept)])
+    return np.asarray(K[np.ix_(kept, kept)] - K[np.ix_(kept, is_inner)] @ column)
+
+
+def measure_displacements(mesh: MeshParameters, nus: Sequence[float]) -> list[Solvability]:
+    """Measure the stiffness of displacements without a pressure, for each Poisson's ratio."""
+    pw, standard = assemble(mesh, True), assemble(mesh, False)
+    topology = topology_of(mesh.element)
+    is_inner = np.repeat(_is_inner_node_of_q8(topology)[~topology.base], topology.lattice.shape[1])
+    measures = []
+    for nu in nus:
+        lame = 2 * nu / (1 - 2 * nu)  # lambda over mu
+        K, K_G = (part.shear + lame * part.bulk for part in (pw, standard))
+        if mesh.element == "Q8":
+            K, K_G = (condense_inner_nodes(matrix, is_inner) for matrix in (K, K_G))
+        scaled = _scale(K, np.linalg.cholesky((K_G + K_G.T) / 2))
+        measures.append(
+            Solvability(
+                float(np.linalg.svd(scaled, compute_uv=False)[-1]),
+                float(np.linalg.eigvalsh((scaled + scaled.T) / 2)[0]),
+                bool(np.linalg.slogdet(scaled)[0] < 0),
+            )
+        )
+    return measures
+
+
+def measure_hybrid(mesh: MeshParameters, nus: Sequence[float]) -> list[Solvability]:
+    """Measure the matrix of displacements and a pressure, for each Poisson's ratio.
+
+    The norm of (u, p) is that of section V15: twice the shear energy, and p^2 / (2 mu). The least
+    singular value is relative to the standard hybrid element's; `symmetric_min` is 0.
+    """
+    parts = assemble(mesh, True), assemble(mesh, False)
+    L_u, L_p = np.linalg.cholesky(parts[1].shear), np.linalg.cholesky(parts[1].pressure / 2)
+    norm = np.block([[L_u, np.zeros((len(L_u), len(L_p)))], [np.zeros((len(L_p), len(L_u))), L_p]])
+    measures = []
+    for nu in nus:
+        sigma, sign = [], []
+        for part in parts:
+            compressibility = (1 - 2 * nu) / (2 * nu) * part.pressure  # mu / lambda
+            scaled = _scale(
+                np.block([[part.shear, -part.gradient], [-part.divergence, -compressibility]]), norm
+            )
+            sigma.append(np.linalg.svd(scaled, compute_uv=False)[-1])
+            sign.append(np.linalg.slogdet(scaled)[0])
+        measures.append(Solvability(float(sigma[0] / sigma[1]), 0.0, bool(sign[0] != sign[1])))
+    return measures
+
+
+def _scale(K: Array, L: Array) -> Array:
+    """Return L^-1 K L^-T."""
+    return np.asarray(np.linalg.solve(L, np.linalg.solve(L, K).T).T)
+
+
+# Map
+
+SHIFTS: dict[Geometry, tuple[float, ...]] = {
+    "affine": (0.3,),
+    "straight": (0.1, 0.2, 0.3),
+    "curved": (0.02, 0.05, 0.1),
+}
+STRETCHES: dict[str, tuple[Shape, tuple[int, ...]]] = {
+    "compact": ("layers", (1,)),
+    "layers": ("layers", (10, 100, 1000)),
+    **{f"columns-{aspect_ratio}": ("columns", (aspect_ratio,)) for aspect_ratio in (10, 100, 1000)},
+    **{f"needles-{aspect_ratio}": ("needles", (aspect_ratio,)) for aspect_ratio in (10, 100)},
+}
+"""Shapes and aspect ratios of the meshes of a group, by name of group."""
+POISSONS_RATIOS = (0.3, 0.4, 0.45, 0.48, 0.49, 0.495, 0.498, 0.499, 0.4995, 0.4999, 0.49999)
+POISSONS_RATIOS_OF_LONG_CELLS = (0.3, 0.49)
+POISSONS_RATIOS_OF_HYBRID = (0.3, 0.4999, 0.5)
+SEEDS_PER_SHIFT = {"compact": 40, "layers": 10}
+"""Number of meshes for each shift and aspect ratio, by name of group; 10 in other groups."""
+
+
+def list_meshes(element: str, geometry: Geometry, group: str) -> list[MeshParameters]:
+    """Return the meshes of a group; affine ones are as many as those with one shift."""
+    shape, aspect_ratios = STRETCHES[group]
+    return [
+        MeshParameters(element, geometry, shape, float(aspect_ratio), shift, seed)
+        for aspect_ratio in aspect_ratios
+        for shift in SHIFTS[geometry]
+        for seed in range(SEEDS_PER_SHIFT.get(group, 10))
+    ]
+
+
+def solvability_map(element: str, geometry: Geometry) -> Result:
+    """Measure the matrices of many meshes of an element.
+
+    Scalars are, by group of meshes and Poisson's ratio, the least `sigma_min` and `symmetric_min`
+    of the stiffness of displacements, the number `negative` of meshes on which its determinant is
+    negative, and for elements with a pressure the least ratio `hybrid` of singular values and the
+    number `hybrid_negative` of determinants whose sign differs.
+
+    Args:
+        element: Name of the element.
+        geometry: Geometry of the cells.
+    """
+    scalars: dict[str, float] = {"meshes": 0.0}
+    for group in STRETCHES:
+        meshes = list_meshes(element, geometry, group)
+        scalars["meshes"] += len(meshes)
+        nus = POISSONS_RATIOS if group in SEEDS_PER_SHIFT else POISSONS_RATIOS_OF_LONG_CELLS
+        by_mesh = [measure_displacements(mesh, nus) for mesh in meshes]
+        for nu, measures in zip(nus, zip(*by_mesh, strict=True), strict=True):
+            name = f"{group}_{nu:g}"
+            scalars[f"sigma_min_{name}"] = min(m.sigma_min for m in measures)
+            scalars[f"symmetric_min_{name}"] = min(m.symmetric_min for m in measures)
+            scalars[f"negative_{name}"] = float(sum(m.is_negative for m in measures))
+        if element == "Q8":
+            continue
+        by_mesh = [measure_hybrid(mesh, POISSONS_RATIOS_OF_HYBRID) for mesh in meshes]
+        for nu, measures in zip(POISSONS_RATIOS_OF_HYBRID, zip(*by_mesh, strict=True), strict=True):
+            scalars[f"hybrid_{group}_{nu:g}"] = min(m.sigma_min for m in measures)
+            scalars[f"hybrid_negative_{group}_{nu:g}"] = float(sum(m.is_negative for m in measures))
+    topology = topology_of(element)
+    n_unknowns = int((~topology.base).sum()) * topology.lattice.shape[1]
+    return Result(scalars, assign_unit_one_to_scalars(scalars), dofs=n_unknowns)
+
+
+# Uniqueness of frictionless contact
+
+POISSONS_RATIOS_OF_CONTACT = (0.3, 0.49, 0.499, 0.4999)
+MESHES_PER_SHIFT_IN_CONTACT = 30
+RANDOM_SETS_IN_SPACE = 500
+"""Number of sets of closed nodes that are drawn where there are too many to try all."""
+
+
+def contact_stiffness(mesh: MeshParameters, nu: float, has_new_weights: bool = True) -> Array:
+    """Return the matrix (m, m) of contact forces by the closing motions of contact nodes.
+
+    All nodes of the face opposite the clamped base may touch a smooth rigid plane that is parallel
+    to the base; the matrix is the Schur complement of the stiffness on their normal displacements,
+    for the shear modulus 1. Nodes are in the order of the lattice.
+    """
+    parts, topology = assemble(mesh, has_new_weights), topology_of(mesh.element)
+    K = parts.shear + 2 * nu / (1 - 2 * nu) * parts.bulk
+    heights = topology.lattice[~topology.base, -1]
+    is_contact = np.zeros((len(heights), topology.lattice.shape[1]), dtype=bool)
+    is_contact[heights == heights.max(), -1] = True
+    return condense_inner_nodes(K, ~is_contact.ravel())
+
+
+def closed_sets(n_nodes: int, seed: int) -> npt.NDArray[np.bool_]:
+    """Return masks (s, n) of sets of closed nodes: all of them, or random ones if n > 10."""
+    if n_nodes <= 10:
+        return np.array(list(product((False, True), repeat=n_nodes))[1:])
+    rng = np.random.default_rng(seed)
+    return rng.uniform(size=(RANDOM_SETS_IN_SPACE, n_nodes)) < rng.uniform(
+        0.05, 1, (RANDOM_SETS_IN_SPACE, 1)
+    )
+
+
+def principal_minor_signs(S: Array, sets: npt.NDArray[np.bool_]) -> Array:
+    """Return the signs (s,) of the principal minors of a matrix for masks (s, n)."""
+    minors = np.where(sets[:, :, None] & sets[:, None, :], S, np.eye(len(S)))
+    return np.asarray(np.linalg.slogdet(minors)[0])
+
+
+def contact_uniqueness(element: str, geometry: Geometry) -> Result:
+    """Count the negative principal minors of contact stiffness matrices on compact meshes.
+
+    Frictionless contact has exactly one solution for any load and any gaps if and only if all
+    principal minors are positive (the matrix is a P-matrix).
+
+    Args:
+        element: Name of the element.
+        geometry: Geometry of the cells.
+    """
+    scalars = dict.fromkeys(("meshes", "minors"), 0.0)
+    scalars |= {
+        f"{name}_{nu:g}": 0.0
+        for nu in POISSONS_RATIOS_OF_CONTACT
+        for name in ("negative", "meshes_negative")
+    }
+    largest_reaction = 0.0
+    for shift, seed in product(SHIFTS[geometry], range(MESHES_PER_SHIFT_IN_CONTACT)):
+        mesh = MeshParameters(element, geometry, "layers", 1.0, shift, seed)
+        scalars["meshes"] += 1
+        for nu in POISSONS_RATIOS_OF_CONTACT:
+            S = contact_stiffness(mesh, nu)
+            sets = closed_sets(len(S), seed)
+            n_negative = int((principal_minor_signs(S, sets) < 0).sum())
+            scalars[f"negative_{nu:g}"] += n_negative
+            scalars[f"meshes_negative_{nu:g}"] += n_negative > 0
+            if element == "T6" and geometry != "curved":
+                largest_reaction = max(largest_reaction, reaction_of_open_middles(mesh, nu, sets))
+        scalars["minors"] += len(sets)
+    if largest_reaction:
+        scalars["reaction"] = largest_reaction
+    return Result(scalars, assign_unit_one_to_scalars(scalars), dofs=len(S))
+
+
+def reaction_of_open_middles(mesh: MeshParameters, nu: float, sets: npt.NDArray[np.bool_]) -> float:
+    """Return the largest sum of reactions that bounds the minors of straight T6 (see the page).
+
+    A unit force acts on a node of a set, whose nodes can move while all other contact nodes are
+    held, with the standard element. The absolute reactions at held mid-side nodes are added.
+    """
+    S = contact_stiffness(mesh, nu, has_new_weights=False)
+    is_middle = np.arange(len(S)) % 2 == 1
+    return max(
+        float(
+            np.abs(S[np.ix_(held, moving)] @ np.linalg.inv(S[np.ix_(moving, moving)])).sum(0).max()
+        )
+        for moving in sets
+        if (held := is_middle & ~moving).any()
+    )
+
+
+def two_solutions(S: Array, sets: npt.NDArray[np.bool_]) -> tuple[Array, Array, Array, Array]:
+    """Return two solutions of a frictionless contact problem whose matrix has a negative minor.
+
+    The matrix of the smallest such set has a real negative eigenvalue, S x = -|w| x. Then the
+    gaps x+ and x-, and the forces (S x)+ and (S x)-, the positive and the negative parts, solve
+    force = S gap + q with the same q.
+
+    Returns:
+        Gaps and forces (m,) of the first solution, gaps and forces of the second.
+
+    Raises:
+        ValueError: If no minor is negative.
+    """
+    negative = sets[principal_minor_signs(S, sets) < 0]
+    if not len(negative):
+        raise ValueError("no principal minor of these sets is negative")
+    smallest = negative[negative.sum(axis=1).argmin()]
+    values, vectors = np.linalg.eig(S[np.ix_(smallest, smallest)])
+    is_real = np.abs(values.imag) <= 1e-9 * np.abs(values).max()
+    column = np.where(is_real, values.real, np.inf).argmin()
+    x = np.zeros(len(S))
+    x[smallest] = vectors[:, column].real
+    force = np.where(smallest, values[column].real * x, S @ x)
+    return np.maximum(x, 0), np.maximum(force, 0), np.maximum(-x, 0), np.maximum(-force, 0)
