@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 STUDY = Path(__file__).parents[1]
 SECTION_LINE = re.compile(r'^SECTION = "(.+)"$', re.MULTILINE)
-_SECTION_LETTERS = ("I", "", "T", "C", "V", "Q", "W", "P", "K")
+_SECTION_LETTERS = ("I", "", "T", "E", "C", "V", "Q", "W", "P", "K")
 """First letters of section names, in the order of the report; sections of the paper have none."""
 
 

@@ -10,9 +10,14 @@ from functools import cache
 from itertools import permutations, product
 from typing import Literal
 
+from mpi4py import MPI
+
 import basix
+import basix.ufl
 import numpy as np
 import numpy.typing as npt
+from dolfinx.mesh import Mesh, create_mesh
+from scipy.sparse.linalg import svds
 
 from pw_elements.spaces import piecewise_linear_sub_cell_element, quadratic_element
 from pw_elements.spaces.elements import tetrahedron_twelve_cell_quadrature
@@ -140,7 +145,7 @@ def make_cell_nodes(mesh: MeshParameters) -> Array:
     is_vertex[cells[:, :n_vertices]] = True
     stays_straight = is_vertex | (_is_inner_node_of_q8(topology) & (mesh.element == "Q8"))
     rng = np.random.default_rng(mesh.seed)
-    _, table, _, _ = tabulate(CELL_BY_ELEMENT[mesh.element], QUADRATURE_DEGREE[mesh.geometry])
+    _, table, *_ = tabulate(CELL_BY_ELEMENT[mesh.element], QUADRATURE_DEGREE[mesh.geometry])
     for _ in range(MAX_TRIALS_PER_MESH):
         shifts = rng.uniform(-1, 1, lattice.shape) * cell_size
         shifts[topology.base, -1] = 0.0
@@ -162,23 +167,25 @@ def _is_inner_node_of_q8(topology: Topology) -> npt.NDArray[np.bool_]:
 
 
 @cache
-def tabulate(cell: str, degree: int) -> tuple[Array, Array, Array, Array]:
-    """Tabulate the functions of a cell at the points of a rule on its sub-cells.
+def tabulate(cell: str, degree: int, on_sub_cells: bool = True) -> tuple[Array, ...]:
+    """Tabulate the functions of a cell at the points of a rule on its sub-cells, or on the whole.
 
     Returns:
-        Quadrature weights (q,), slopes (dim, q, nodes) of shape and of weight functions, and values
-        (q, vertices) of the pressure's functions.
+        Quadrature weights (q,), slopes (dim, q, nodes) of shape functions and of the new weight
+        functions (of shape functions again, on the whole cell), and values (q, vertices) of the
+        pressure's functions.
     """
     kind = basix.CellType[cell]
-    if cell == "tetrahedron":
+    if cell == "tetrahedron" and on_sub_cells:
         points, weights = tetrahedron_twelve_cell_quadrature(degree)
     else:
-        points, weights = basix.make_quadrature(
-            kind, degree, polyset_type=basix.PolysetType.macroedge
-        )
+        polyset = basix.PolysetType.macroedge if on_sub_cells else basix.PolysetType.standard
+        points, weights = basix.make_quadrature(kind, degree, polyset_type=polyset)
     dim = points.shape[1]
     shapes = quadratic_element(cell).tabulate(1, points)[1 : dim + 1]
-    pw = piecewise_linear_sub_cell_element(cell).tabulate(1, points)[1 : dim + 1]
+    pw = shapes
+    if on_sub_cells:
+        pw = piecewise_linear_sub_cell_element(cell).tabulate(1, points)[1 : dim + 1]
     pressure = basix.create_element(basix.ElementFamily.P, kind, 1).tabulate(0, points)
     return weights, shapes, pw, pressure[0, :, :, 0]
 
@@ -205,6 +212,10 @@ class LameMatrices:
     divergence: Array
     pressure: Array
 
+    def stiffness(self, nu: float) -> Array:
+        """Return the stiffness matrix (n, n) of displacements for the shear modulus 1."""
+        return self.shear + 2 * nu / (1 - 2 * nu) * self.bulk
+
 
 def assemble(mesh: MeshParameters, has_new_weights: bool) -> LameMatrices:
     """Assemble the matrices of a mesh with new weight functions or, if not, the standard ones."""
@@ -212,7 +223,7 @@ def assemble(mesh: MeshParameters, has_new_weights: bool) -> LameMatrices:
     cells, dim = topology.cells, topology.lattice.shape[1]
     n_nodes, n_vertices = len(topology.lattice), topology.corner_weights.shape[1]
     weights, shapes, pw, pressure = tabulate(
-        CELL_BY_ELEMENT[mesh.element], QUADRATURE_DEGREE[mesh.geometry]
+        CELL_BY_ELEMENT[mesh.element], QUADRATURE_DEGREE[mesh.geometry], has_new_weights
     )
     nodes = make_cell_nodes(mesh)
     jacobians = np.einsum("cnd,rqn->cqdr", nodes, shapes)
@@ -225,7 +236,7 @@ def assemble(mesh: MeshParameters, has_new_weights: bool) -> LameMatrices:
         return np.einsum("rqn,cqrd->cqnd", table, inverse).reshape(n_cells, n_points, -1)
 
     trial = slopes(shapes)
-    test = slopes(pw) if has_new_weights else trial
+    test = slopes(pw)
     n_local = cells.shape[1]
     G = (test * dx[..., None]).transpose(0, 2, 1) @ trial
     bulk = G.reshape(n_cells, n_local, dim, n_local, dim)
@@ -283,22 +294,41 @@ def measure_displacements(mesh: MeshParameters, nus: Sequence[float]) -> list[So
     """Measure the stiffness of displacements without a pressure, for each Poisson's ratio."""
     pw, standard = assemble(mesh, True), assemble(mesh, False)
     topology = topology_of(mesh.element)
-    is_inner = np.repeat(_is_inner_node_of_q8(topology)[~topology.base], topology.lattice.shape[1])
+    if mesh.element == "Q8":
+        inner = _is_inner_node_of_q8(topology)[~topology.base]
+        is_inner = np.repeat(inner, topology.lattice.shape[1])
+        pairs = [
+            [condense_inner_nodes(part.stiffness(nu), is_inner) for part in (pw, standard)]
+            for nu in nus
+        ]
+        return [measure_in_energy_norm(_scale(K, np.linalg.cholesky(K_G))) for K, K_G in pairs]
+    # V^T shear V = I and V^T bulk V = diag(b) for the standard element
+    L = np.linalg.cholesky(standard.shear)
+    b, vectors = np.linalg.eigh(_scale(standard.bulk, L))
+    V = np.linalg.solve(L.T, vectors)
+    shear, bulk = V.T @ pw.shear @ V, V.T @ pw.bulk @ V
     measures = []
     for nu in nus:
-        lame = 2 * nu / (1 - 2 * nu)  # lambda over mu
-        K, K_G = (part.shear + lame * part.bulk for part in (pw, standard))
-        if mesh.element == "Q8":
-            K, K_G = (condense_inner_nodes(matrix, is_inner) for matrix in (K, K_G))
-        scaled = _scale(K, np.linalg.cholesky((K_G + K_G.T) / 2))
-        measures.append(
-            Solvability(
-                float(np.linalg.svd(scaled, compute_uv=False)[-1]),
-                float(np.linalg.eigvalsh((scaled + scaled.T) / 2)[0]),
-                bool(np.linalg.slogdet(scaled)[0] < 0),
-            )
-        )
+        lame = 2 * nu / (1 - 2 * nu)
+        root = np.sqrt(1 + lame * np.maximum(b, 0))
+        measures.append(measure_in_energy_norm((shear + lame * bulk) / np.outer(root, root)))
     return measures
+
+
+def measure_in_energy_norm(K: Array) -> Solvability:
+    """Measure a matrix that is scaled by the standard element's energy norm."""
+    return Solvability(
+        least_singular_value(K),
+        float(np.linalg.eigvalsh((K + K.T) / 2)[0]),
+        bool(np.linalg.slogdet(K)[0] < 0),
+    )
+
+
+def least_singular_value(K: Array) -> float:
+    """Return the least singular value of a regular matrix (n, n), by Lanczos' method."""
+    inverse = np.linalg.inv(K)
+    start = np.ones(len(K))
+    return float(1 / svds(inverse, k=1, v0=start, return_singular_vectors=False)[0])
 
 
 def measure_hybrid(mesh: MeshParameters, nus: Sequence[float]) -> list[Solvability]:
@@ -310,17 +340,20 @@ def measure_hybrid(mesh: MeshParameters, nus: Sequence[float]) -> list[Solvabili
     parts = assemble(mesh, True), assemble(mesh, False)
     L_u, L_p = np.linalg.cholesky(parts[1].shear), np.linalg.cholesky(parts[1].pressure / 2)
     norm = np.block([[L_u, np.zeros((len(L_u), len(L_p)))], [np.zeros((len(L_p), len(L_u))), L_p]])
+    scaled = [
+        _scale(
+            np.block([[part.shear, -part.gradient], [-part.divergence, 0 * part.pressure]]), norm
+        )
+        for part in parts
+    ]
+    is_pressure = np.diag(np.arange(len(norm)) >= len(L_u))
     measures = []
     for nu in nus:
-        sigma, sign = [], []
-        for part in parts:
-            compressibility = (1 - 2 * nu) / (2 * nu) * part.pressure  # mu / lambda
-            scaled = _scale(
-                np.block([[part.shear, -part.gradient], [-part.divergence, -compressibility]]), norm
-            )
-            sigma.append(np.linalg.svd(scaled, compute_uv=False)[-1])
-            sign.append(np.linalg.slogdet(scaled)[0])
-        measures.append(Solvability(float(sigma[0] / sigma[1]), 0.0, bool(sign[0] != sign[1])))
+        compressibility = (1 - 2 * nu) / nu * is_pressure  # mu / lambda, over the norm's 1 / 2
+        new, standard = (matrix - compressibility for matrix in scaled)
+        ratio = least_singular_value(new) / least_singular_value(standard)
+        signs = [np.linalg.slogdet(matrix)[0] for matrix in (new, standard)]
+        measures.append(Solvability(ratio, 0.0, bool(signs[0] != signs[1])))
     return measures
 
 
@@ -366,13 +399,15 @@ def solvability_map(element: str, geometry: Geometry) -> Result:
 
     Scalars are, by group of meshes and Poisson's ratio, the least `sigma_min` and `symmetric_min`
     of the stiffness of displacements, the number `negative` of meshes on which its determinant is
-    negative, and for elements with a pressure the least ratio `hybrid` of singular values and the
-    number `hybrid_negative` of determinants whose sign differs.
+    negative, the place `worst` of the mesh with the least `sigma_min` in `list_meshes`, and for
+    elements with a pressure the least ratio `hybrid` of singular values and the number
+    `hybrid_negative` of determinants whose sign differs.
 
     Args:
-        element: Name of the element.
+        element: Name of the element, as "pw-T6".
         geometry: Geometry of the cells.
     """
+    element = element.removeprefix("pw-")
     scalars: dict[str, float] = {"meshes": 0.0}
     for group in STRETCHES:
         meshes = list_meshes(element, geometry, group)
@@ -381,7 +416,9 @@ def solvability_map(element: str, geometry: Geometry) -> Result:
         by_mesh = [measure_displacements(mesh, nus) for mesh in meshes]
         for nu, measures in zip(nus, zip(*by_mesh, strict=True), strict=True):
             name = f"{group}_{nu:g}"
-            scalars[f"sigma_min_{name}"] = min(m.sigma_min for m in measures)
+            sigma = [m.sigma_min for m in measures]
+            scalars[f"sigma_min_{name}"] = min(sigma)
+            scalars[f"worst_{name}"] = float(np.argmin(sigma))
             scalars[f"symmetric_min_{name}"] = min(m.symmetric_min for m in measures)
             scalars[f"negative_{name}"] = float(sum(m.is_negative for m in measures))
         if element == "Q8":
@@ -411,7 +448,7 @@ def contact_stiffness(mesh: MeshParameters, nu: float, has_new_weights: bool = T
     for the shear modulus 1. Nodes are in the order of the lattice.
     """
     parts, topology = assemble(mesh, has_new_weights), topology_of(mesh.element)
-    K = parts.shear + 2 * nu / (1 - 2 * nu) * parts.bulk
+    K = parts.stiffness(nu)
     heights = topology.lattice[~topology.base, -1]
     is_contact = np.zeros((len(heights), topology.lattice.shape[1]), dtype=bool)
     is_contact[heights == heights.max(), -1] = True
@@ -441,9 +478,10 @@ def contact_uniqueness(element: str, geometry: Geometry) -> Result:
     principal minors are positive (the matrix is a P-matrix).
 
     Args:
-        element: Name of the element.
+        element: Name of the element, as "pw-T6".
         geometry: Geometry of the cells.
     """
+    element = element.removeprefix("pw-")
     scalars = dict.fromkeys(("meshes", "minors"), 0.0)
     scalars |= {
         f"{name}_{nu:g}": 0.0
@@ -509,3 +547,50 @@ def two_solutions(S: Array, sets: npt.NDArray[np.bool_]) -> tuple[Array, Array, 
     x[smallest] = vectors[:, column].real
     force = np.where(smallest, values[column].real * x, S @ x)
     return np.maximum(x, 0), np.maximum(force, 0), np.maximum(-x, 0), np.maximum(-force, 0)
+
+
+def ambiguous_contact(
+    element: str, geometry: Geometry, nu: float, shift: float, seed: int
+) -> Result:
+    """Construct a frictionless contact problem with two solutions.
+
+    Scalars are the number of closed nodes in each solution, and the largest violation of
+    force = S gap + q, relative to the largest force. Curves are the mesh (`nodes` of cells), the
+    loads q, and gaps and forces of both solutions at the nodes of the face that may touch.
+
+    Args:
+        element: Name of the element, as "pw-T6".
+        geometry: Geometry of the cells.
+        nu: Poisson's ratio.
+        shift: Largest shift of nodes.
+        seed: Seed of the mesh.
+    """
+    mesh = MeshParameters(element.removeprefix("pw-"), geometry, "layers", 1.0, shift, seed)
+    S = contact_stiffness(mesh, nu)
+    gap_1, force_1, gap_2, force_2 = two_solutions(S, closed_sets(len(S), seed))
+    q = force_1 - S @ gap_1
+    residual = np.abs(force_2 - S @ gap_2 - q).max() / max(force_1.max(), force_2.max())
+    curves = {"nodes": make_cell_nodes(mesh), "q": q, "gap_1": gap_1, "force_1": force_1}
+    curves |= {"gap_2": gap_2, "force_2": force_2}
+    scalars = {
+        "closed_1": float((gap_1 == 0).sum()),
+        "closed_2": float((gap_2 == 0).sum()),
+        "contact_nodes": float(len(S)),
+        "residual": float(residual),
+    }
+    return Result(scalars, assign_unit_one_to_scalars(scalars), curves)
+
+
+def make_mesh(mesh: MeshParameters) -> Mesh:
+    """Return a distorted mesh for DOLFINx; its geometry has degree 2 if cells are curved."""
+    topology, cell = topology_of(mesh.element), CELL_BY_ELEMENT[mesh.element]
+    cells, dim = topology.cells, topology.lattice.shape[1]
+    x = np.zeros((len(topology.lattice), dim))
+    x[cells.ravel()] = make_cell_nodes(mesh).reshape(-1, dim)
+    if mesh.geometry != "curved":
+        cells = cells[:, : topology.corner_weights.shape[1]]
+        used, cells = np.unique(cells, return_inverse=True)
+        x, cells = x[used], cells.reshape(-1, topology.corner_weights.shape[1])
+    degree = 2 if mesh.geometry == "curved" else 1
+    geometry = basix.ufl.element("Lagrange", cell, degree, shape=(dim,))
+    return create_mesh(MPI.COMM_SELF, cells=cells.astype(np.int64), x=x, e=geometry)
