@@ -4,6 +4,7 @@ from study.benchmarks.e_element.family import DEGREES, element_of_degree, hertz
 from study.benchmarks.e_element.solvability import (
     ambiguous_contact,
     contact_uniqueness,
+    mass_pairs,
     solvability_map,
 )
 from study.run.cases import Case, mark_costly
@@ -65,3 +66,4 @@ CASES += [
     for kind, weights in (("pw", "new"), ("galerkin", "standard"))
     for degree in DEGREES[1:4]
 ]
+CASES += [Case("E", f"mass-{e}", mass_pairs, {"element": e}) for e in ("pw-T6", "pw-T10")]
