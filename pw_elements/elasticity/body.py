@@ -189,10 +189,10 @@ class Body:
                 "poissons_ratio", nu, lambda values: values < 0.5, rule, mesh.comm
             )
             max_nu = _max_value(nu, mesh.comm)
+            warnings = [self._singular_stiffness_warning(max_nu)]
             if max_nu > _MIN_POISSONS_RATIO_FOR_LOCKING_WARNING:
-                warning = _LOCKING_WARNING_MESSAGE % max_nu + self._singular_stiffness_warning(
-                    max_nu
-                )
+                warnings.insert(0, _LOCKING_WARNING_MESSAGE % max_nu)
+            if warning := ". ".join(filter(None, warnings)):
                 log_on_root(mesh.comm, logging.WARNING, warning)
         thickness = arguments.check_positive_coefficient("thickness", self.thickness, mesh.comm)
         _set_frozen_attribute(self, "thickness", thickness)
@@ -245,7 +245,7 @@ class Body:
         if self.spaces.test is self.spaces.trial or ratio <= limit:
             return ""
         return (
-            f". The bulk modulus is {ratio:.3g} times the shear modulus, more than {limit:g}. "
+            f"The bulk modulus is {ratio:.3g} times the shear modulus, more than {limit:g}. "
             f"With piecewise-linear weights on these cells {SINGULAR_STIFFNESS_WARNING_AND_REMEDY}"
         )
 

@@ -1,35 +1,116 @@
 """What is known about the element: solvability, uniqueness and the family P_k."""
 
-from study.benchmarks.e_element.family import DEGREES, element_of_degree, hertz
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import matplotlib.pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from study.benchmarks.e_element.family import (
+    DEGREES,
+    NODES_OVER_HALF_WIDTH,
+    element_of_degree,
+    hertz,
+)
 from study.benchmarks.e_element.solvability import (
+    POISSONS_RATIOS,
+    POISSONS_RATIOS_OF_CONTACT,
     ambiguous_contact,
     contact_uniqueness,
     mass_pairs,
     solvability_map,
 )
+from study.judge.checks import check
+from study.judge.measures.general import largest
+from study.publish.plots.style import PAGE_WIDTH
 from study.run.cases import Case, mark_costly
+from study.run.pages import PageFigure
+from study.run.store import Results
 
 SECTION = "E"
-TITLE = "When the element has a solution, and when only one"
+TITLE = "The element: when it has a solution, when only one, and other degrees"
+VERIFICATION = ""  # told in the text of the page
 FACTS = {
-    "geometry": "a unit square or cube, stretched up to a thousandfold; a half plane",
-    "reference": "the standard element's matrices on the same meshes",
-    "uncertainty": "random meshes",
+    "geometry": "a unit square or cube, cells stretched up to a thousandfold; a half plane",
+    "mesh": "4 × 4 squares, also as triangles; 2 × 2 × 2 cubes, also as tetrahedra; regular, with "
+    "moved vertices, with curved edges",
+    "material": "linear elastic, ν = 0.3 to 0.5; plane strain, solid",
+    "supports": "one side clamped",
+    "load": "a body force; a frictionless rigid plane; a rigid parabola",
+    "reference": "the standard element on the same meshes; Hertz",
+    "uncertainty": "random meshes: what they do not show is not excluded",
 }
-RESULT = "..."
+SHORT_FACTS = {"reference": "the standard element; Hertz"}
+
+# Problem
+
+THEORY = r"""
+The element's matrix $\boldsymbol{K}$ is unsymmetric, and its authors prove nothing about it. When is it regular? When
+does frictionless contact have one solution? What is the idea worth for other degrees? Section T proves
+$\boldsymbol{K} = \boldsymbol{T} \boldsymbol{K}_\mathrm{G}$ for triangles with straight sides ($\boldsymbol{K}_\mathrm{G}$ is
+the standard matrix); $\boldsymbol{T}$ is regular, and so is $\boldsymbol{K}$. Nothing is proved for other cells.
+"""
+
+# Method
+
+METHOD = r"""
+**Solvability.** Let $\boldsymbol{K}_\mathrm{G} = \boldsymbol{L} \boldsymbol{L}^\mathrm{T}$. The map gives, for random meshes
+of each cell, the least singular value $\sigma$ of $\boldsymbol{L}^{-1} \boldsymbol{K} \boldsymbol{L}^{-\mathrm{T}}$, which is 1
+for the standard element and 0 for a singular matrix; the least eigenvalue of its symmetric part; the sign of
+$\det \boldsymbol{K}$; and the difference of the displacements from the standard element's under a uniform body force, in
+its energy norm. Cells are *regular* (a linear map of a grid), *straight* (vertices moved by up to 0.1, 0.2 and 0.3 of a
+cell) or *curved* (vertices moved by up to 0.1, mid-side, face and centre nodes by up to 0.02, 0.05 and 0.1). They are
+compact; or *layers*, 10, 100 and 1000 times as long as high, along the clamped side; or *columns*, which stand on it;
+or *needles*, distorted first and stretched then, so that angles approach 180°. Q8 is a pair of triangles with a condensed
+node. With a pressure field the norm is that of section V15, and $\sigma$ is relative to the standard hybrid element's.
+
+*Verdicts* were fixed before the map was computed. Without a pressure field: yes, if no determinant is negative and
+displacements differ by at most 10 %; with care, up to 30 %; no, otherwise. With a pressure field: yes, if no sign differs
+and the ratio is at least 0.3; with care, at least 0.1.
+
+**Uniqueness.** Let $\boldsymbol{S}$ be the Schur complement of $\boldsymbol{K}$ on the normal displacements of contact nodes.
+Frictionless contact has exactly one solution for any loads and gaps if and only if all principal minors of
+$\boldsymbol{S}$ are positive. All minors of nine nodes are computed in the plane, and 500 random ones of 25 nodes in space.
+
+**Other degrees.** The weight functions of P$k$ are hat functions on the $k^2$ sub-triangles between equidistant nodes.
+Poisson's equation has a known solution on distorted meshes of up to 16 × 16 squares cut in two; Hertz' line contact is that
+of section V2, with the same distance of nodes for all degrees. P3 was to be called worth using if, for equally many
+unknowns, its pressure in the inner 80 % had at most half the error of P2's.
+"""
+
+# Cases
 
 ELEMENTS = ("pw-T6", "pw-Q8", "pw-Q9", "pw-T10", "pw-H27")
 ELEMENTS_IN_CONTACT = ("pw-T6", "pw-Q9", "pw-T10", "pw-H27")
 GEOMETRIES = ("affine", "straight", "curved")
+AMBIGUOUS_CONTACT = (
+    ("pw-T6", "curved", 0.499, 0.05, 0),
+    ("pw-T10", "straight", 0.4999, 0.2, 6),
+    ("pw-H27", "straight", 0.4999, 0.1, 0),
+)
+"""Element, geometry, Poisson's ratio, shift and seed of contact problems with two solutions."""
+HERTZ_DEGREES = (2, 3, 4)
+
 CASES = [
-    Case("E", f"map-{e}-{g}", solvability_map, {"element": e, "geometry": g})
-    for e in ELEMENTS
-    for g in GEOMETRIES
+    Case(
+        "E",
+        f"map-{element}-{geometry}",
+        solvability_map,
+        {"element": element, "geometry": geometry},
+    )
+    for element in ELEMENTS
+    for geometry in GEOMETRIES
 ]
 CASES += [
-    Case("E", f"contact-{e}-{g}", contact_uniqueness, {"element": e, "geometry": g})
-    for e in ELEMENTS_IN_CONTACT
-    for g in GEOMETRIES[1:]
+    Case(
+        "E",
+        f"contact-{element}-{geometry}",
+        contact_uniqueness,
+        {"element": element, "geometry": geometry},
+    )
+    for element in ELEMENTS_IN_CONTACT
+    for geometry in GEOMETRIES[1:]
 ]
 CASES = mark_costly(CASES)
 CASES += [
@@ -39,11 +120,7 @@ CASES += [
         ambiguous_contact,
         {"element": element, "geometry": geometry, "nu": nu, "shift": shift, "seed": seed},
     )
-    for element, geometry, nu, shift, seed in (
-        ("pw-T6", "curved", 0.499, 0.05, 0),
-        ("pw-T10", "straight", 0.4999, 0.3, 0),
-        ("pw-H27", "straight", 0.4999, 0.2, 0),
-    )
+    for element, geometry, nu, shift, seed in AMBIGUOUS_CONTACT
 ]
 CASES += [
     Case(
@@ -64,6 +141,199 @@ CASES += [
         {"method": f"{kind}-P{degree}"},
     )
     for kind, weights in (("pw", "new"), ("galerkin", "standard"))
-    for degree in DEGREES[1:4]
+    for degree in HERTZ_DEGREES
 ]
-CASES += [Case("E", f"mass-{e}", mass_pairs, {"element": e}) for e in ("pw-T6", "pw-T10")]
+CASES += [
+    Case("E", f"mass-{element}", mass_pairs, {"element": element})
+    for element in ("pw-T6", "pw-T10")
+]
+
+# Figure
+
+GEOMETRY_NAMES = {"affine": "regular", "straight": "straight", "curved": "curved"}
+LONG_CELLS = {
+    "columns-10": "columns 10",
+    "columns-100": "columns 100",
+    "needles-10": "needles 10",
+    "needles-100": "needles 100",
+}
+HYBRID_GROUPS = {"compact": "compact", "layers": "layers"} | LONG_CELLS
+MAX_DIFFERENCES = (0.1, 0.3)
+"""Largest differences of displacements for the verdicts yes and with care."""
+MIN_HYBRID_RATIOS = (0.3, 0.1)
+"""Least ratios of singular values for these verdicts."""
+VERDICTS = {"yes": "#D7EBF7", "care": "#F5C04F", "no": "#8C1C13"}
+"""Colours of the verdicts, from light to dark."""
+
+
+class Entry(NamedTuple):
+    """Verdict on a kind of cell, and the number that is printed."""
+
+    verdict: str
+    sigma: float
+
+
+def judge_displacements(results: Results, key: str, groups: Sequence[str], nu: float) -> Entry:
+    """Judge an element without a pressure on all meshes of some groups."""
+
+    def values(name: str) -> list[float]:
+        return [results.scalar(key, f"{name}_{group}_{nu:g}") for group in groups]
+
+    difference = max(values("difference"))
+    allowed = [
+        name for name, most in zip(VERDICTS, MAX_DIFFERENCES, strict=False) if difference <= most
+    ]
+    verdict = allowed[0] if allowed and not sum(values("negative")) else "no"
+    return Entry(verdict, min(values("sigma_min")))
+
+
+def judge_hybrid(results: Results, key: str, group: str) -> Entry:
+    """Judge an element with a pressure, for the worst Poisson's ratio."""
+    names = [f"{group}_{nu:g}" for nu in (0.3, 0.4999, 0.5)]
+    ratio = min(results.scalar(key, f"hybrid_{name}") for name in names)
+    allowed = [
+        name for name, least in zip(VERDICTS, MIN_HYBRID_RATIOS, strict=False) if ratio >= least
+    ]
+    n_negative = sum(results.scalar(key, f"hybrid_negative_{name}") for name in names)
+    return Entry(allowed[0] if allowed and not n_negative else "no", ratio)
+
+
+def draw_map(results: Results) -> Figure:
+    """Draw which cells may be used, by Poisson's ratio and by shape."""
+    rows = [(element, geometry) for element in ELEMENTS for geometry in GEOMETRIES]
+    keys = [f"E/map-{element}-{geometry}" for element, geometry in rows]
+    n_columns = len(POISSONS_RATIOS), len(LONG_CELLS), len(HYBRID_GROUPS)
+    fig, axes = plt.subplots(1, 3, figsize=(PAGE_WIDTH, 4.6), sharey=True, width_ratios=n_columns)
+    panels = (
+        (
+            r"(a) displacements only: $\nu$",
+            [f"{nu:g}".removeprefix("0") for nu in POISSONS_RATIOS],
+            [
+                [
+                    judge_displacements(results, key, ("compact", "layers"), nu)
+                    for nu in POISSONS_RATIOS
+                ]
+                for key in keys
+            ],
+        ),
+        (
+            r"(b) the same, $\nu = .3$",
+            list(LONG_CELLS.values()),
+            [
+                [judge_displacements(results, key, (group,), 0.3) for group in LONG_CELLS]
+                for key in keys
+            ],
+        ),
+        (
+            r"(c) with pressure, $\nu \leq .5$",
+            list(HYBRID_GROUPS.values()),
+            [
+                [None] * len(HYBRID_GROUPS)
+                if element == "pw-Q8"
+                else [judge_hybrid(results, key, group) for group in HYBRID_GROUPS]
+                for (element, _), key in zip(rows, keys, strict=True)
+            ],
+        ),
+    )
+    for axis, (title, labels, entries) in zip(axes, panels, strict=True):
+        _draw_verdicts(axis, entries)
+        axis.set_title(title, fontsize=8)
+        axis.set_xticks(range(len(labels)), labels, rotation=90, fontsize=7)
+    names = [f"{element.removeprefix('pw-')} {GEOMETRY_NAMES[g]}" for element, g in rows]
+    axes[0].set_yticks(range(len(rows)), names, fontsize=7)
+    axes[0].invert_yaxis()
+    words = {"yes": "yes, use it", "care": "with care", "no": "no"}
+    patches = [plt.Rectangle((0, 0), 1, 1, color=colour) for colour in VERDICTS.values()]
+    fig.legend(patches, words.values(), loc="outside lower center", ncols=3, fontsize=8)
+    return fig
+
+
+def _draw_verdicts(axis: Axes, entries: Sequence[Sequence[Entry | None]]) -> None:
+    for row, line in enumerate(entries):
+        for column, entry in enumerate(line):
+            if entry is None:
+                axis.text(column, row, "–", ha="center", va="center", fontsize=6)
+                continue
+            box = plt.Rectangle(
+                (column - 0.5, row - 0.5),
+                1,
+                1,
+                facecolor=VERDICTS[entry.verdict],
+                edgecolor="white",
+            )
+            axis.add_patch(box)
+            colour = "white" if entry.verdict == "no" else "black"
+            text = f"{entry.sigma:.2f}".removeprefix("0")
+            axis.text(column, row, text, ha="center", va="center", fontsize=5.5, color=colour)
+    for row in range(len(GEOMETRIES), len(entries), len(GEOMETRIES)):
+        axis.axhline(row - 0.5, color="black", linewidth=0.8)
+    axis.set(xlim=(-0.5, len(entries[0]) - 0.5), ylim=(-0.5, len(entries) - 0.5))
+    axis.grid(visible=False)
+    axis.tick_params(length=0)
+
+
+def describe_map(results: Results) -> str:
+    """Return the text alternative of the map: the largest allowed Poisson's ratio of each cell."""
+    limits = []
+    for element in ELEMENTS:
+        for geometry in GEOMETRIES:
+            key = f"E/map-{element}-{geometry}"
+            allowed = [
+                nu
+                for nu in POISSONS_RATIOS
+                if judge_displacements(results, key, ("compact", "layers"), nu).verdict == "yes"
+            ]
+            name = f"{element.removeprefix('pw-')} {GEOMETRY_NAMES[geometry]}"
+            limits.append(f"{name} up to {max(allowed, default=0):g}")
+    return (
+        "Table of verdicts. Without a pressure field, compact cells and layers are allowed for: "
+        + ("; ".join(limits) + ".")
+    )
+
+
+FIGURES = [
+    PageFigure(
+        "e_map",
+        draw_map,
+        needs=[f"E/map-{e}-{g}" for e in ELEMENTS for g in GEOMETRIES],
+        caption="May I use this cell here? Find its row; then (a) the column of Poisson's ratio, for "
+        "compact cells and layers up to 1000 times as long as high; (b) its shape, if it is long; "
+        "(c) its shape, if a pressure field is added. Numbers are the least singular values over all "
+        "meshes, relative to the standard element's; colours are the verdicts of the text. Q8 has no "
+        "variant with pressure.",
+        alt=describe_map,
+    ),
+]
+
+# Results
+
+RESULT = r"""
+{{ figure("e_map") }}
+"""
+
+DETAILS = r"""
+{% call table("e-contact", "Frictionless contact on compact meshes: meshes of 90 with a negative principal minor, by Poisson's ratio.") %}
+| Element | Minors of each | ν = 0.3 | 0.49 | 0.499 | 0.4999 |
+|---|---:|---:|---:|---:|---:|
+{% for element in ("pw-T6", "pw-Q9", "pw-T10", "pw-H27") %}{% for geometry in ("straight", "curved") %}{% set key = "E/contact-" ~ element ~ "-" ~ geometry %}
+| {{ names[element] }}, {{ geometry }} | {{ fixed(s(key, "minors") / s(key, "meshes"), 0) }} |{% for nu in ("0.3", "0.49", "0.499", "0.4999") %} {{ fixed(s(key, "meshes_negative_" ~ nu), 0) }} |{% endfor %}
+
+{% endfor %}{% endfor %}
+{% endcall %}
+
+{% call table("e-family", "Degrees 1 to 5: least over largest nodal force of a uniform load on a regular mesh; what remains of K − T K_G on a triangle, for a T that may join all nodes, and for one that is assembled; least singular value and least eigenvalue of the symmetric part; condition number and L2 error over the standard element's; observed orders.") %}
+| k | Force: standard | new | T, one triangle | T, assembled | σ | symmetric part | Condition, ratio | L2 error, ratio | Order H1 | L2 |
+|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|
+{% for k in (1, 2, 3, 4, 5) %}{% set key = "E/degree-" ~ k %}
+| {{ k }} | {{ fixed(s(key, "least_force_standard"), 2) }} | {{ fixed(s(key, "least_force_new"), 2) }} | {{ num(s(key, "defect_element"), 1) }} | {{ num(s(key, "defect_assembled"), 1) }} | {{ fixed(s(key, "sigma_min"), 2) }} | {{ fixed(s(key, "symmetric_min"), 2) }} | {{ fixed(s(key, "condition_new") / s(key, "condition_standard"), 2) }} | {{ fixed(s(key, "error_L2_new") / s(key, "error_L2_standard"), 2) }} | {{ fixed(s(key, "order_H1_new"), 1) }} | {{ fixed(s(key, "order_L2_new"), 1) }} |
+{% endfor %}
+{% endcall %}
+
+{% call table("e-hertz", "Hertz' line contact: error of the pressure relative to its peak, per cent, with 24 and 48 nodes over the half width.") %}
+| Element | Inner 80 %: 24 nodes | 48 | All nodes: 24 | 48 | Unknowns: 24 | 48 |
+|---|---:|---:|---:|---:|---:|---:|
+{% for kind, word in (("galerkin", "standard"), ("pw", "new")) %}{% for k in (2, 3, 4) %}{% set key = "E/hertz-" ~ kind ~ "-P" ~ k %}
+| {{ word }} P{{ k }} |{% for name in ("error_inner_24", "error_inner_48", "error_24", "error_48") %} {{ num(100 * s(key, name), 2) }} |{% endfor %} {{ fixed(s(key, "unknowns_24"), 0) }} | {{ fixed(s(key, "unknowns_48"), 0) }} |
+{% endfor %}{% endfor %}
+{% endcall %}
+"""

@@ -441,18 +441,21 @@ STRETCHES: dict[str, tuple[Shape, tuple[int, ...]]] = {
 POISSONS_RATIOS = (0.3, 0.4, 0.45, 0.48, 0.49, 0.495, 0.498, 0.499, 0.4995, 0.4999, 0.49999)
 POISSONS_RATIOS_OF_LONG_CELLS = (0.3, 0.49)
 POISSONS_RATIOS_OF_HYBRID = (0.3, 0.4999, 0.5)
-SEEDS_PER_SHIFT = {"compact": 40, "layers": 10}
-"""Number of meshes for each shift and aspect ratio, by name of group; 10 in other groups."""
+GROUPS_WITH_ALL_RATIOS = ("compact", "layers")
+MESHES_PER_SHIFT = {2: {"compact": 40, "long": 10}, 3: {"compact": 20, "long": 5}}
+"""Number of compact and of long meshes for each shift and aspect ratio, by dimension."""
 
 
 def list_meshes(element: str, geometry: Geometry, group: str) -> list[MeshParameters]:
     """Return the meshes of a group; affine ones are as many as those with one shift."""
     shape, aspect_ratios = STRETCHES[group]
+    dim = topology_of(element).lattice.shape[1]
+    n_meshes = MESHES_PER_SHIFT[dim]["compact" if group == "compact" else "long"]
     return [
         MeshParameters(element, geometry, shape, float(aspect_ratio), shift, seed)
         for aspect_ratio in aspect_ratios
         for shift in SHIFTS[geometry]
-        for seed in range(SEEDS_PER_SHIFT.get(group, 10))
+        for seed in range(n_meshes)
     ]
 
 
@@ -474,7 +477,7 @@ def solvability_map(element: str, geometry: Geometry) -> Result:
     for group in STRETCHES:
         meshes = list_meshes(element, geometry, group)
         scalars["meshes"] += len(meshes)
-        nus = POISSONS_RATIOS if group in SEEDS_PER_SHIFT else POISSONS_RATIOS_OF_LONG_CELLS
+        nus = POISSONS_RATIOS if group in GROUPS_WITH_ALL_RATIOS else POISSONS_RATIOS_OF_LONG_CELLS
         by_mesh = [measure_displacements(mesh, nus) for mesh in meshes]
         for nu, measures in zip(nus, zip(*by_mesh, strict=True), strict=True):
             name = f"{group}_{nu:g}"
@@ -644,12 +647,18 @@ def ambiguous_contact(
     return Result(scalars, assign_unit_one_to_scalars(scalars), curves)
 
 
+def node_positions(mesh: MeshParameters) -> Array:
+    """Return the positions (n, dim) of the nodes of a distorted mesh, in the lattice's order."""
+    topology = topology_of(mesh.element)
+    x = np.zeros(topology.lattice.shape)
+    x[topology.cells.ravel()] = make_cell_nodes(mesh).reshape(-1, x.shape[1])
+    return x
+
+
 def make_mesh(mesh: MeshParameters) -> Mesh:
     """Return a distorted mesh for DOLFINx; its geometry has degree 2 if cells are curved."""
     topology, cell = topology_of(mesh.element), CELL_BY_ELEMENT[mesh.element]
-    cells, dim = topology.cells, topology.lattice.shape[1]
-    x = np.zeros((len(topology.lattice), dim))
-    x[cells.ravel()] = make_cell_nodes(mesh).reshape(-1, dim)
+    cells, dim, x = topology.cells, topology.lattice.shape[1], node_positions(mesh)
     if mesh.geometry != "curved":
         cells = cells[:, : topology.corner_weights.shape[1]]
         used, cells = np.unique(cells, return_inverse=True)
