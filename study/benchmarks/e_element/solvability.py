@@ -396,26 +396,31 @@ def measure_hybrid(mesh: MeshParameters, nus: Sequence[float]) -> list[Solvabili
     """Measure the matrix of displacements and a pressure, for each Poisson's ratio.
 
     The norm of (u, p) is that of section V15: twice the shear energy, and p^2 / (2 mu). The least
-    singular value is relative to the standard hybrid element's; `symmetric_min` and `difference`
-    are 0.
+    singular value is relative to the standard hybrid element's; `symmetric_min` is 0.
     """
     parts = assemble(mesh, True), assemble(mesh, False)
     L_u, L_p = np.linalg.cholesky(parts[1].shear), np.linalg.cholesky(parts[1].pressure / 2)
-    norm = np.block([[L_u, np.zeros((len(L_u), len(L_p)))], [np.zeros((len(L_p), len(L_u))), L_p]])
+    n, m = len(L_u), len(L_p)
+    L = np.block([[L_u, np.zeros((n, m))], [np.zeros((m, n)), L_p]])
+    is_pressure = np.diag(np.arange(n + m) >= n)
     scaled = [
-        _scale(
-            np.block([[part.shear, -part.gradient], [-part.divergence, 0 * part.pressure]]), norm
-        )
+        _scale(np.block([[part.shear, -part.gradient], [-part.divergence, np.zeros((m, m))]]), L)
         for part in parts
     ]
-    is_pressure = np.diag(np.arange(len(norm)) >= len(L_u))
+    loads = [np.linalg.solve(L, np.append(part.load, np.zeros(m))) for part in parts]
     measures = []
     for nu in nus:
         compressibility = (1 - 2 * nu) / nu * is_pressure  # mu / lambda, over the norm's 1 / 2
-        new, standard = (matrix - compressibility for matrix in scaled)
-        ratio = _least_singular_value(new) / _least_singular_value(standard)
-        signs = [np.linalg.slogdet(matrix)[0] for matrix in (new, standard)]
-        measures.append(Solvability(ratio, 0.0, bool(signs[0] != signs[1]), 0.0))
+        matrices = [matrix - compressibility for matrix in scaled]
+        sigma = [_least_singular_value(matrix) for matrix in matrices]
+        signs = [np.linalg.slogdet(matrix)[0] for matrix in matrices]
+        new, standard = (
+            np.linalg.solve(matrix, load) for matrix, load in zip(matrices, loads, strict=True)
+        )
+        difference = np.linalg.norm(new - standard) / np.linalg.norm(standard)
+        measures.append(
+            Solvability(sigma[0] / sigma[1], 0.0, bool(signs[0] != signs[1]), float(difference))
+        )
     return measures
 
 
@@ -439,8 +444,8 @@ STRETCHES: dict[str, tuple[Shape, tuple[int, ...]]] = {
 }
 """Shapes and aspect ratios of the meshes of a group, by name of group."""
 POISSONS_RATIOS = (0.3, 0.4, 0.45, 0.48, 0.49, 0.495, 0.498, 0.499, 0.4995, 0.4999, 0.49999)
-POISSONS_RATIOS_OF_LONG_CELLS = (0.3, 0.49)
-POISSONS_RATIOS_OF_HYBRID = (0.3, 0.4999, 0.5)
+POISSONS_RATIOS_OF_LONG_CELLS = (0.3,)
+POISSONS_RATIOS_OF_HYBRID = (0.3, 0.5)
 GROUPS_WITH_ALL_RATIOS = ("compact", "layers")
 MESHES_PER_SHIFT = {2: {"compact": 40, "long": 10}, 3: {"compact": 20, "long": 5}}
 """Number of compact and of long meshes for each shift and aspect ratio, by dimension."""
@@ -492,6 +497,7 @@ def solvability_map(element: str, geometry: Geometry) -> Result:
         by_mesh = [measure_hybrid(mesh, POISSONS_RATIOS_OF_HYBRID) for mesh in meshes]
         for nu, measures in zip(POISSONS_RATIOS_OF_HYBRID, zip(*by_mesh, strict=True), strict=True):
             scalars[f"hybrid_{group}_{nu:g}"] = min(m.sigma_min for m in measures)
+            scalars[f"hybrid_difference_{group}_{nu:g}"] = max(m.difference for m in measures)
             scalars[f"hybrid_negative_{group}_{nu:g}"] = float(sum(m.is_negative for m in measures))
     topology = topology_of(element)
     n_unknowns = int((~topology.base).sum()) * topology.lattice.shape[1]
