@@ -443,3 +443,59 @@ CHECKS = [
         why="The singular slope at the edge of contact limits all degrees.",
     ),
 ]
+
+FINDINGS = r"""
+**Regular where it is proved, and on compact cells elsewhere.** On straight triangles of any shape displacements are the
+standard element's. On other compact cells, and on layers, they differ by at most
+{{ pct(s("E/map-pw-H27-straight", "difference_compact_0.3")) }} (H27) at $\nu = 0.3$ and by
+{{ pct(s("E/map-pw-T6-curved", "difference_compact_0.48")) }} on curved T6 at 0.48. Near incompressibility the determinant
+changes its sign on curved cells from $\nu = 0.495$ on ({{ fixed(s("E/map-pw-T6-curved", "negative_compact_0.495"), 0) }} of
+120 compact meshes of T6), and on straight T10 and H27. The limit of `Body` on curved cells was lowered for that reason, from
+a ratio of bulk and shear modulus of 50 ($\nu = 0.49$), where displacements may differ by
+{{ pct(s("E/map-pw-T6-curved", "difference_compact_0.49")) }}, to 25.
+"""
+
+FURTHER_FINDINGS = r"""
+1. **Slender tetrahedra are too stiff in bending.** Columns whose cells are 10 times as long as thick bend
+   {{ pct(s("E/map-pw-T10-affine", "difference_columns-10_0.3")) }} (regular) and
+   {{ pct(s("E/map-pw-T10-straight", "difference_columns-10_0.3")) }} (straight) differently from the standard T10, and at a
+   ratio of 100 {{ pct(s("E/map-pw-T10-affine", "difference_columns-100_0.3")) }}, at $\nu = 0.3$ and on undistorted meshes.
+   A pressure field does not help
+   ({{ pct(s("E/map-pw-T10-affine", "hybrid_difference_columns-10_0.3")) }} at 10). H27 differs by
+   {{ pct(s("E/map-pw-H27-affine", "difference_columns-10_0.3")) }}, T6 not at all.
+2. **The hybrid element holds on compact cells and layers only.** There no sign differs up to $\nu = 0.5$, and the least
+   singular value is at least
+   {{ fixed(measure("smallest", section="E", cases="map-pw-(T6|Q9|T10|H27)-.*", name="hybrid_compact_0.5"), 2) }} of the
+   standard hybrid element's. On needles and on curved columns it fails like the others.
+3. **Frictionless contact is unique where the element is far from singular.** On straight T6 all minors are positive; the
+   sum of reactions that bounds them ([Solvability](../solvability)) is at most
+   {{ fixed(s("E/contact-pw-T6-straight", "reaction"), 2) }}, and 4 would be needed. No element has a negative minor up to
+   $\nu = 0.49$; beyond the limits of `Body` most meshes have some. Each gives a problem with two solutions: the results
+   `two-solutions-*` hold nodes of cells, loads, gaps and forces (curved T6 at $\nu = 0.499$, T10 and H27 at 0.4999), and
+   `solve_contact` finds one of the two without a word of the other.
+4. **The identity with $\boldsymbol{T}$ is that of degree 2.** On a single triangle it also holds for $k = 3$, not for
+   $k = 4$; but the matrix of $k = 3$ joins nodes of different sides, and none can be assembled. A test proves both in
+   exact fractions. Displacements of P3 are therefore not the standard ones, but as accurate.
+5. **P3 in contact**: with 24 nodes over the half width its pressure is off by
+   {{ num(100 * s("E/hertz-pw-P3", "error_inner_24"), 2) }} % of the peak in the inner 80 %, P2's by
+   {{ num(100 * s("E/hertz-pw-P2", "error_inner_24"), 2) }} % with two thirds of the unknowns; over all nodes both are at
+   0.3 %. The standard P3, whose vertices get an eighth of a side, is off by
+   {{ num(100 * s("E/hertz-galerkin-P3", "error_inner_24"), 2) }} %. By the rule that was set it is not worth an element of
+   its own, which Basix' macro elements, whose edges are halved, could not provide.
+6. **Mass.** On a distorted mesh of T6 {{ fixed(s("E/mass-pw-T6", "complex_lumped"), 0) }} eigenvalues of $\boldsymbol{K}$
+   and the lumped mass are complex (imaginary parts up to {{ pct(s("E/mass-pw-T6", "imaginary_lumped")) }} of the largest
+   eigenvalue), so that undamped motions grow (section V9). With $\boldsymbol{T}$ times this mass none is, as
+   $\boldsymbol{T}^{-1} \boldsymbol{K}$ is symmetric: a pair with even forces and positive eigenvalues, in the plane only.
+   With the same $\boldsymbol{T}$ on T10 {{ fixed(s("E/mass-pw-T10", "complex_transferred"), 0) }} instead of
+   {{ fixed(s("E/mass-pw-T10", "complex_lumped"), 0) }} eigenvalues are complex; with the sibling none.
+"""
+
+# Limits
+
+LIMITS = r"""
+Meshes are coarse, with one side clamped and one load; random meshes show what may happen, not what is excluded. Verdicts
+compare with the standard element, not with the exact solution. Axisymmetry, plane stress, large strains and friction are
+not mapped. No guard of the library looks at the shape of cells: that slender tetrahedra and needles are bad is only told
+here. The bound for straight triangles is computed on the listed meshes, not proved for all. Degrees above 2 are tested on
+straight triangles; of tetrahedra of degree 3 only the shares of loads are known.
+"""
