@@ -447,7 +447,7 @@ POISSONS_RATIOS = (0.3, 0.4, 0.45, 0.48, 0.49, 0.495, 0.498, 0.499, 0.4995, 0.49
 POISSONS_RATIOS_OF_LONG_CELLS = (0.3,)
 POISSONS_RATIOS_OF_HYBRID = (0.3, 0.5)
 GROUPS_WITH_ALL_RATIOS = ("compact", "layers")
-MESHES_PER_SHIFT = {2: {"compact": 40, "long": 10}, 3: {"compact": 20, "long": 5}}
+MESHES_PER_SHIFT = {2: {"compact": 40, "long": 10}, 3: {"compact": 15, "long": 4}}
 """Number of compact and of long meshes for each shift and aspect ratio, by dimension."""
 
 
@@ -507,7 +507,7 @@ def solvability_map(element: str, geometry: Geometry) -> Result:
 # Uniqueness of frictionless contact
 
 POISSONS_RATIOS_OF_CONTACT = (0.3, 0.49, 0.499, 0.4999)
-MESHES_PER_SHIFT_IN_CONTACT = 30
+MESHES_PER_SHIFT_IN_CONTACT = {2: 30, 3: 10}
 RANDOM_SETS_IN_SPACE = 500
 """Number of sets of closed nodes that are drawn where there are too many to try all."""
 
@@ -561,7 +561,8 @@ def contact_uniqueness(element: str, geometry: Geometry) -> Result:
         for name in ("negative", "meshes_negative")
     }
     largest_reaction = 0.0
-    for shift, seed in product(SHIFTS[geometry], range(MESHES_PER_SHIFT_IN_CONTACT)):
+    n_meshes = MESHES_PER_SHIFT_IN_CONTACT[topology_of(element).lattice.shape[1]]
+    for shift, seed in product(SHIFTS[geometry], range(n_meshes)):
         mesh = MeshParameters(element, geometry, "layers", 1.0, shift, seed)
         scalars["meshes"] += 1
         for nu in POISSONS_RATIOS_OF_CONTACT:
