@@ -29,14 +29,14 @@ from pw_elements.spaces import compile_form
 # Ratio of bulk to shear modulus up to which the stiffness K is far from singular. The corresponding
 # Poisson's ratio is given in brackets. The "relative singular value" is the least singular value of
 # K divided by that of the standard element's stiffness. At the limits, displacements under a body
-# force differ from the standard element's by less than 10 % on the compact meshes of section E of
-# the study; in the range of det K < 0 the difference has no bound.
-# Curved cells: limit 25 (0.48), with relative singular values of at least 0.1; det K < 0 occurs
+# force differ from the standard element's by about 10 % at most on the compact meshes and layers of
+# section E of the study; in the range of det K < 0 the difference has no bound.
+# Curved cells: limit 25 (0.48), where the relative singular value is 0.1 or more; det K < 0 occurs
 # from 100 (0.495).
-# Straight tetrahedra, and hexahedra other than parallelepipeds: limit 250 (0.498), with values of
-# at least 0.07; det K < 0 occurs from 5000 (0.4999).
+# Straight tetrahedra, and hexahedra other than parallelepipeds: limit 100 (0.495), where the
+# relative singular value is 0.1 or more; 0.01 occurs at 500 (0.499), det K < 0 from 1000 (0.4995).
 MAX_BULK_OVER_SHEAR_CURVED_CELLS = 25.0
-MAX_BULK_OVER_SHEAR_STRAIGHT_CELLS = 250.0
+MAX_BULK_OVER_SHEAR_STRAIGHT_CELLS = 100.0
 # Largest deviation of a node from its position in a cell with straight edges, relative to the
 # largest extent of a cell; and largest deviation of a corner from its position in a parallelepiped,
 # relative to the largest component of an edge vector
