@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
-from typing import Literal
+from typing import Any, Literal
 
 import basix
 import numpy as np
@@ -20,7 +20,7 @@ from study.model.units import assign_unit_one_to_scalars
 from study.run.store import Result, StudyError
 from study.solutions.half_space import ElasticHalfSpace, HertzLine
 
-Array = npt.NDArray[np.float64]
+Array = npt.NDArray[Any]
 Indices = npt.NDArray[np.int64]
 Weights = Literal["new", "standard"]
 
@@ -84,7 +84,7 @@ def make_triangle(degree: int) -> Triangle:
     """Make the element P_k."""
     k = degree
     lattice = np.array([(k - i - j, i, j) for j in range(k + 1) for i in range(k + 1 - j)])
-    number = {(i, j): n for n, (_, i, j) in enumerate(lattice.tolist())}
+    number = {(int(i), int(j)): n for n, (_, i, j) in enumerate(lattice)}
     upright = [(i, j) for i, j in number if i + j < k]
     parts = [(number[i, j], number[i + 1, j], number[i, j + 1]) for i, j in upright]
     parts += [
@@ -196,7 +196,7 @@ def distorted_square(degree: int, n: int, seed: int = 0) -> TriangleMesh:
     lines = np.linspace(0, 1, n + 1)
     vertices, triangles = grid(lines, lines)
     shifts = np.random.default_rng(seed).uniform(-1, 1, vertices.shape) * SHIFT / n
-    is_inner = ((vertices > 0) & (vertices < 1)).all(axis=1)
+    is_inner = np.all((vertices > 0) & (vertices < 1), axis=1)
     return TriangleMesh.from_vertices(degree, vertices + shifts * is_inner[:, None], triangles)
 
 
@@ -237,8 +237,8 @@ def transfer_defects(degree: int) -> tuple[float, float]:
             columns = standard[:, allowed[row]]
             coefficients = np.linalg.lstsq(columns, new[:, row], rcond=None)[0]
             remainder = columns @ coefficients - new[:, row]
-            remaining.append(np.linalg.norm(remainder) / np.linalg.norm(new[:, row]))
-        defects.append(float(max(remaining)))
+            remaining.append(float(np.linalg.norm(remainder) / np.linalg.norm(new[:, row])))
+        defects.append(max(remaining))
     return defects[0], defects[1]
 
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import permutations, product
-from typing import Literal
+from typing import Any, Literal
 
 from mpi4py import MPI
 
@@ -37,7 +37,7 @@ from study.model.matrices import to_dense_array
 from study.model.units import assign_unit_one_to_scalars
 from study.run.store import Result
 
-Array = npt.NDArray[np.float64]
+Array = npt.NDArray[Any]
 Indices = npt.NDArray[np.int64]
 Geometry = Literal["affine", "straight", "curved"]
 Shape = Literal["layers", "columns", "needles"]
