@@ -398,10 +398,9 @@ def _surface_weights(mesh: TriangleMesh, weights: Weights, surface: Indices) -> 
     """Return the integrals of the weight functions of nodes over a straight row of sides."""
     k = mesh.degree
     side = np.linspace(0, 1, k + 1)
-    if weights == "new":
-        shares = np.full(k + 1, 1 / k)
-        shares[[0, -1]] /= 2
-    else:
+    shares: Array = np.full(k + 1, 1 / k)
+    shares[[0, -1]] /= 2
+    if weights == "standard":
         shares = np.linalg.solve(side ** np.arange(k + 1)[:, None], 1 / np.arange(1, k + 2))
     order = np.argsort(mesh.nodes[surface, 0])
     x = mesh.nodes[surface[order], 0]
