@@ -31,7 +31,8 @@ from study.model.matrices import to_dense_array
 from study.run import records
 from tests.library.near_incompressible import measure_singularity
 
-SHIFT_BY_GEOMETRY = {"affine": 0.3, "straight": 0.2, "curved": 0.05}
+# linear maps of regular meshes would tilt the base, which the library's function finds by x = 0
+SHIFT_BY_GEOMETRY = {"affine": 0.0, "straight": 0.2, "curved": 0.05}
 
 
 @pytest.mark.parametrize("element", set(CELL_BY_ELEMENT) - {"Q8"})
