@@ -12,7 +12,7 @@ weights, and K_G is the standard element's stiffness on the same mesh. The singu
 the standard element itself and 0 for a singular K. The square or cube is clamped at its base.
 Vertices, or mid-side nodes on curved meshes, are moved at random by up to a fraction of the cell
 size. The map is coarse: it covers a few meshes with 2 to 4 cells per side. The results and the
-limits derived from them are in docs/theory.md ("Nearly incompressible bodies").
+limits derived from them are in docs/solvability.md.
 """
 
 import argparse
