@@ -5,6 +5,10 @@ from pw_elements.contact.interface.build import (
     build_interface_with_other_friction,
     have_shared_nodes,
 )
+from pw_elements.contact.interface.law_points import (
+    describe_weight_functions,
+    make_interface_laws,
+)
 from pw_elements.contact.interface.mortars import (
     N_SLIP_PATH_PIECES,
     BoundaryFacets,

@@ -49,6 +49,7 @@ from pw_elements.contact.model import (
     CLOSED_FORM_SURFACE_TYPES,
     SURFACE_TYPES_WITH_NORMAL_EVERYWHERE,
     FrictionCone,
+    InterfaceLawEvaluation,
     PairState,
     SolutionNotFound,
     Surface,
@@ -110,10 +111,10 @@ class ContactInterface:
         pairs: number of pairs.
         motion: motion operator (m dim, n), which turns unknowns into motions of the points.
         force: force operator (n, m dim), which turns forces on the points into nodal forces.
-        held_components: (m, dim), mask of displacement components that supports prescribe at points
-            with friction.
+        held_components: (m, dim), mask of components that supports hold at points with friction.
         holds_friction: whether any process has such held components.
-        shared_nodes: points grouped by node, as a node has one point for each of its pairs.
+        shared_nodes: points grouped by node; a node has one point for each of its pairs.
+        laws: interface laws of the pairs; None if no pair has one.
     """
 
     def __init__(
@@ -126,6 +127,7 @@ class ContactInterface:
         mortars: Mapping[int, SlidingMortar],
     ) -> None:
         self.mortars = mortars
+        self.laws: InterfaceLawEvaluation | None = None
         self.field = field
         self.comm: MPI.Comm = field.space.mesh.comm
         self.surfaces, self.pairs = list(surfaces), len(surfaces)

@@ -10,19 +10,21 @@ from pw_elements.contact.iteration.increment import (
     IncrementEquations,
     LinearEquilibrium,
     LinearIncrementEquations,
+)
+from pw_elements.contact.iteration.increment_data import (
     NewtonIterate,
+    TargetLoadsAndMotions,
+    interpolate_targets,
+    make_target_in_equilibrium_with_state,
 )
 from pw_elements.contact.iteration.line_search import LineSearchIncrementEquations
 from pw_elements.contact.iteration.newton import solve_increment
 from pw_elements.contact.iteration.results import (
+    check_determinant_sign_if_laws_soften,
+    check_interface_laws_at_solution,
     make_contact_state,
     make_pair_states,
     make_undeformed_state,
-)
-from pw_elements.contact.iteration.target import (
-    TargetLoadsAndMotions,
-    interpolate_targets,
-    make_target_in_equilibrium_with_state,
 )
 from pw_elements.contact.iteration.updates import (
     ActiveSetUpdate,

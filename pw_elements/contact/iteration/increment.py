@@ -19,18 +19,20 @@ import numpy as np
 from pw_elements.algebra import reduce_load_and_update_offset
 from pw_elements.arrays import Array
 from pw_elements.contact.interface import RELATIVE_COORDINATE_ROUND_OFF, ContactInterface
+from pw_elements.contact.iteration.increment_data import LinearisedIncrement, NewtonIterate
 from pw_elements.contact.iteration.support_friction import FrictionAtSupportedNodes
 from pw_elements.contact.model import NotUnique, Residuals, ResidualScale, SolutionNotFound
 from pw_elements.contact.nodes import (
     MAX_CONTACT_VIOLATION_PER_NODAL_FORCE,
+    OPEN,
     ActiveSet,
     ContactKinematics,
-    ContactNodes,
     FrictionAtSharedNodes,
     IncrementStart,
-    LinearisedContactLaw,
+    InterfaceLawNodes,
     LinearisedKinematics,
     TorqueMap,
+    combine_active_sets,
     describe_status_counts,
     eliminate_known_motions,
 )
@@ -49,6 +51,9 @@ RELATIVE_DISPLACEMENT_ROUND_OFF = 1e-13
 # at which the solution counts as a continuous function of friction
 _RELATIVE_FRICTION_PERTURBATION_IF_SINGULAR = 1e-6
 _MAX_RELATIVE_CHANGE_BY_FRICTION_PERTURBATION = 1e-3
+# Pressure of touching nodes at which interface laws are linearised first, as a length that is
+# multiplied by the stiffness of the law, relative to the extent of the contact nodes
+_INITIAL_PRESSURE_LENGTH_PER_EXTENT = 1e-6
 
 
 @dataclass(frozen=True)
@@ -131,78 +136,6 @@ class LinearEquilibrium:
         return unknowns
 
 
-@dataclass(frozen=True)
-class NewtonIterate:
-    """Iterate of Newton's method: the solution of one linear system with all its residuals.
-
-    Args:
-        reduced_unknowns: displacements (n_r,), reduced by the supports.
-        unknowns: all unknowns (n,).
-        q: motions (pairs, k) of the surfaces.
-        displacement: displacements (m, dim) of the contact points, relative to opposite nodes if
-            there are any.
-        force: forces (m, dim) of the surfaces on the contact points.
-        unbalanced: magnitudes (n_r,) of the unbalanced forces in the equations of this process.
-        nodes: gaps, slips and forces in the frames of the contact nodes.
-        kinematics: kinematics from which gaps and slips were evaluated.
-        displacement_size: sums (m, dim) of the magnitudes of the displacements of each point and of
-            its opposite nodes.
-        allowance: tolerance of all conditions, expressed as a force.
-        round_off: part of the allowance that accounts for round-off.
-        violation: largest ratio of a residual to its tolerance.
-        is_solution: whether all conditions hold and the linear system was solved to the final
-            accuracy.
-        is_exact: whether solving the linear system again would not improve the accuracy.
-        is_final: whether the linear system was solved to the final accuracy.
-        step_length: length of the Newton step to this iterate, as a fraction of the full step to
-            the linear solution.
-    """
-
-    reduced_unknowns: PETSc.Vec
-    unknowns: PETSc.Vec
-    q: Array
-    displacement: Array
-    force: Array
-    unbalanced: Array
-    nodes: ContactNodes
-    kinematics: LinearisedKinematics
-    displacement_size: Array
-    allowance: float
-    round_off: float
-    violation: float
-    is_solution: bool
-    is_exact: bool
-    is_final: bool
-    step_length: float = 1.0
-
-
-@dataclass(frozen=True)
-class LinearisedIncrement:
-    """Linear system of Newton's method for an active set, without the load.
-
-    Args:
-        active: active set.
-        kinematics: kinematics at the point of linearisation.
-        law: linearised law, without the known motions.
-        totals: prescribed forces and torques (free,) of the free motions, less support friction.
-        torque_map: map from motions of the surfaces to velocities of the contact nodes.
-        springs: stiffness (free,) that support friction adds to the free motions.
-        known_q: known parts (m, k) of the motions of each point's surface.
-        known_v: known parts (m, p) of the motions of the points.
-        point_forces: forces (m, dim) of the points at the point of linearisation.
-    """
-
-    active: ActiveSet
-    kinematics: LinearisedKinematics
-    law: LinearisedContactLaw
-    totals: Array
-    torque_map: TorqueMap
-    springs: Array
-    known_q: Array
-    known_v: Array
-    point_forces: Array
-
-
 class IncrementEquations:
     """The equations of one increment.
 
@@ -242,6 +175,39 @@ class IncrementEquations:
         self._support_displacement = system.evaluate_relative_point_displacements(
             equilibrium.prescribed_displacements
         )
+
+    def add_initial_interface_laws(
+        self, active: ActiveSet, kinematics: LinearisedKinematics, v: Array, q: Array
+    ) -> ActiveSet:
+        """Return the active set with the interface laws linearised at the initial iterate.
+
+        Nodes without a force that are closed in the active set get a small pressure, so that laws
+        of contact take them as closed, too.
+
+        Args:
+            active: active set.
+            kinematics: kinematics linearised at the initial iterate.
+            v: (m, p), motions of the points.
+            q: (pairs, k), motions of the surfaces.
+        """
+        if self.interface.laws is None:
+            return active
+        scale, force = self.system.law_scale, self.start.force
+        length = _INITIAL_PRESSURE_LENGTH_PER_EXTENT * self.interface.max_extent_of_points
+        is_unloaded = (active.status != OPEN) & ~force.any(axis=1)
+        pressure = np.where(is_unloaded, scale * length, 0.0)
+        nodes = kinematics.evaluate_contact_nodes(
+            v,
+            q,
+            force + pressure[:, None] * kinematics.frame[:, 0],
+            cone=self.interface.cone,
+            law_scale=scale,
+        )
+        nodes = InterfaceLawNodes.from_nodes(nodes, self.interface.laws, self.start.history)
+        self.interface.laws.raise_kept_error()
+        law_set = nodes.active_set
+        active = combine_active_sets(nodes.at_law, law_set, active)
+        return replace(active, interface_law=law_set.interface_law)
 
     @cached_property
     def support_friction(self) -> FrictionAtSupportedNodes:
@@ -401,6 +367,8 @@ class IncrementEquations:
             )
         if self._shared_friction is not None:
             self._shared_friction.update(nodes)
+        if interface.laws is not None:
+            nodes = InterfaceLawNodes.from_nodes(nodes, interface.laws, self.start.history)
         max_force, displacement_round_off, coordinate_round_off = (
             self._max_contact_force_and_round_off_forces(
                 force, displacement_size, kinematics.torque_map
@@ -567,6 +535,8 @@ class IncrementEquations:
                 friction is computed from it by `ContactNodes.friction_round_off`.
         """
         nodes = state.nodes
+        if self.interface.laws is not None:
+            self.interface.laws.raise_kept_error()
         if self.interface.cone.has_user_law:
             self.interface.raise_law_errors_and_check_slopes(nodes.force[:, 0])
         residuals = self.local_relative_residuals(state, 1.0, 1 / nodes.scale)

@@ -23,11 +23,8 @@ from dataclasses import replace
 import numpy as np
 
 from pw_elements.contact.iteration.finite import LargeStrainEquilibrium
-from pw_elements.contact.iteration.increment import (
-    IncrementEquations,
-    LinearisedIncrement,
-    NewtonIterate,
-)
+from pw_elements.contact.iteration.increment import IncrementEquations
+from pw_elements.contact.iteration.increment_data import LinearisedIncrement, NewtonIterate
 from pw_elements.contact.system import ContactSystemSolution
 
 # Largest number of halvings of a step that fails the test

@@ -7,7 +7,8 @@ tolerances. It assumes that the state at the start of the increment is a converg
 from collections.abc import Callable
 from typing import TypeAlias
 
-from pw_elements.contact.iteration.increment import IncrementEquations, NewtonIterate
+from pw_elements.contact.iteration.increment import IncrementEquations
+from pw_elements.contact.iteration.increment_data import NewtonIterate
 from pw_elements.contact.iteration.updates import ActiveSetUpdate
 from pw_elements.contact.nodes import ActiveSet, LinearisedKinematics
 

@@ -4,22 +4,36 @@ The module guarantees that the pair states and scalars of a contact state are th
 processes. It assumes an iterate that was returned by `IncrementEquations.evaluate_all_conditions`.
 """
 
+from dataclasses import replace
+
 from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
 
 from pw_elements.arrays import Array
-from pw_elements.contact.interface import FACED_INDEX_OF_DEFORMABLE_SURFACE, ContactInterface
-from pw_elements.contact.iteration.increment import IncrementEquations, NewtonIterate
+from pw_elements.contact.interface import (
+    FACED_INDEX_OF_DEFORMABLE_SURFACE,
+    FACED_INDEX_OF_RIGID_SURFACE,
+    RELATIVE_COORDINATE_ROUND_OFF,
+    ContactInterface,
+)
+from pw_elements.contact.iteration.increment import IncrementEquations
+from pw_elements.contact.iteration.increment_data import NewtonIterate
 from pw_elements.contact.model import (
     ContactState,
     PairState,
     ResidualScale,
     SmallDisplacementMeasures,
+    SolutionNotFound,
 )
 from pw_elements.contact.nodes import HELD, OPEN, remove_normal_part
+from pw_elements.contact.system import ContactSystem
 from pw_elements.solvers import SolverReport
+
+# Largest slip in a direction that a support holds, relative to the largest motion of a node, that
+# counts as none
+_MAX_UNSEEN_SLIP_PER_MOTION = 1e-9
 
 
 def make_contact_state(
@@ -72,10 +86,75 @@ def make_contact_state(
     )
 
 
+def check_interface_laws_at_solution(increment: IncrementEquations, state: NewtonIterate) -> None:
+    """Check derivatives, softening and slips of interface laws at a solution; collective.
+
+    Raises:
+        ValueError: if differences contradict a derivative, or if a node with a law slips on a rigid
+            surface in a direction in which a support holds it: laws give no force there.
+        SolutionNotFound: if a node has softened too much in one step.
+    """
+    laws, nodes = increment.interface.laws, state.nodes
+    if laws is None:
+        return
+    interface, start = increment.interface, increment.start
+    dim = state.displacement.shape[1]
+    motion = state.displacement - start.displacement
+    motion = motion - (state.q - start.q)[interface.pair, :dim]
+    unseen = motion - np.einsum("nab,nac,nc->nb", nodes.frame, nodes.frame, motion)
+    scale = max(
+        increment.nonnegative_max_over_ranks(
+            state.displacement_size,
+            np.abs(motion),
+            RELATIVE_COORDINATE_ROUND_OFF * np.abs(interface.position),
+        )
+    )
+    is_held = laws.has_law & (interface.faced == FACED_INDEX_OF_RIGID_SURFACE)
+    interface.raise_error_for_invalid_points(
+        is_held & (np.abs(unseen).max(axis=1) > _MAX_UNSEEN_SLIP_PER_MOTION * scale),
+        "slip in a direction in which a support holds them, and in which their interface law gives "
+        "no force: let the pair end before them, or hold other nodes",
+    )
+    laws.raise_if_softened_too_fast(start.history, nodes.updated_law_history(start.history))
+    laws.check_derivatives_at_state(
+        nodes.frame, nodes.gap, nodes.slip, nodes.force, increment.start.history, nodes.scale
+    )
+
+
+def check_determinant_sign_if_laws_soften(
+    system: ContactSystem, solution: ContactState, start_state: ContactState
+) -> ContactState:
+    """Return a solution with the sign of its last determinant, if a law may soften.
+
+    Softening alone does not change the sign, unless the interface softens faster than the body
+    unloads. Without softening laws, and with solvers without determinants, the solution is returned
+    unchanged.
+
+    Args:
+        system: contact system.
+        solution: state at the end of the increment.
+        start_state: state at the start of the increment.
+
+    Raises:
+        SolutionNotFound: if the sign has changed since the undeformed state.
+    """
+    laws, signs = system.interface.laws, system.tangent.solver.determinant_signs
+    if laws is None or not laws.may_soften or not signs:
+        return solution
+    is_comparable = start_state.free_motions == system.free_motions
+    stable_signs = start_state.determinant_signs if is_comparable else frozenset[int]()
+    if signs[-1] not in (stable_signs or signs[:1]):
+        raise SolutionNotFound(
+            "the solution is unstable: the determinant of its tangent has changed its sign"
+        )
+    return replace(solution, determinant_signs=frozenset(signs[-1:]))
+
+
 def make_undeformed_state(interface: ContactInterface, zero_unknowns: PETSc.Vec) -> ContactState:
     """Return the state of the undeformed body; `zero_unknowns` is a zero vector (n,)."""
     no_vector = np.zeros_like(interface.position)
     gap, normal = interface.evaluate_undeformed_gaps_and_normals(None)
+    history = {} if interface.laws is None else {"law_history": interface.laws.initial_history}
     pairs = make_pair_states(
         interface,
         np.zeros((interface.pairs, no_vector.shape[1])),
@@ -84,6 +163,7 @@ def make_undeformed_state(interface: ContactInterface, zero_unknowns: PETSc.Vec)
         normal=normal,
         gap=gap,
         friction=interface.cone.max_coefficient,
+        **history,
     )
     return ContactState(interface.field.extract(zero_unknowns), pairs, unknowns=zero_unknowns)
 
@@ -132,6 +212,7 @@ def _make_pair_states_of_iterate(
         displacement=state.displacement,
         direction=convert_tangential_to_global(active.direction),
         friction_ratio=active.friction_ratio,
+        law_history=nodes.updated_law_history(start.history),
     )
 
 
@@ -159,6 +240,7 @@ def make_pair_states(
         ("force_tangential", "slip", "path_slip", "displacement", "direction"), no_vector
     )
     values |= dict.fromkeys(("force_normal", "friction_ratio", "torque"), no_vector[:, 0])
+    values["law_history"] = np.zeros((len(no_vector), 0))
     values |= {"status": np.full(len(no_vector), OPEN, dtype=np.int8)} | nodal_values
     opposite_force = interface.compute_forces_on_opposite_nodes(contact_forces, force_operator)
     pair_values = interface.gather_all_pairs_in_position_order(values | {"total": contact_forces})

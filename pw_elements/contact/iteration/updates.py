@@ -18,8 +18,8 @@ import numpy.typing as npt
 
 from pw_elements.arrays import Array, Mask
 from pw_elements.contact.interface import MIN_DEGREES_BETWEEN_NORMALS, ContactInterface
-from pw_elements.contact.iteration.increment import IncrementEquations, NewtonIterate
-from pw_elements.contact.iteration.target import TargetLoadsAndMotions
+from pw_elements.contact.iteration.increment import IncrementEquations
+from pw_elements.contact.iteration.increment_data import NewtonIterate, TargetLoadsAndMotions
 from pw_elements.contact.model import (
     ActiveSetCycling,
     ContactState,
@@ -183,6 +183,8 @@ class ActiveSetUpdate:
             np.round(v, _DECIMALS_IN_ACTIVE_SET_COMPARISON)
             for v in (active.direction, active.friction_ratio, active.limit_slope)
         ]
+        if (law := active.interface_law) is not None:
+            vectors += [law.intercept, law.by_motion, law.by_force]
         key = _hash_arrays_of_all_ranks(
             self._comm, active.status, *vectors, active.support_friction
         )

@@ -19,6 +19,22 @@ from pw_elements.contact.model.history import (
     check_and_list_history_functions,
     make_update_from_expressions,
 )
+from pw_elements.contact.model.interface_laws import (
+    CohesiveContact,
+    ElasticInterface,
+    Tie,
+    UnilateralContact,
+)
+from pw_elements.contact.model.laws import (
+    SNAP_BACK_EXPLANATION,
+    InterfaceLaw,
+    InterfaceLawEvaluation,
+    InterfaceResponse,
+    InterfaceValues,
+    SofteningLaw,
+    evaluate_and_check_shapes,
+    find_wrong_derivatives,
+)
 from pw_elements.contact.model.pairs import ContactPair, DeformableSurface, MatchingNodes, Motion
 from pw_elements.contact.model.state import (
     EMPTY_SOLVER_REPORT,

@@ -10,6 +10,7 @@ from dolfinx.mesh import MeshTags
 from pw_elements.arrays import Array, RealVector
 from pw_elements.checks import arguments, defer_errors_if_parallel
 from pw_elements.contact.model.friction import Coulomb, Friction
+from pw_elements.contact.model.laws import InterfaceLaw
 from pw_elements.contact.model.surfaces import Surface, unit_vector
 from pw_elements.spaces import EntitySelection
 
@@ -201,12 +202,15 @@ class ContactPair:
             `ContactProblem.of_residual` allows a pivot, and not in axisymmetry.
         axis: (3,), direction of the axis of rotation through the pivot, in space only. It may have
             any length.
+        interface_law: law of the forces between both sides, in place of unilateral contact with
+            `friction`: an elastic layer, a tie, cohesion, contact with wear, or your own law (see
+            `InterfaceLaw`).
 
     Raises:
         TypeError: for arguments of the wrong type, for example in the wrong order.
         ValueError: for a friction coefficient that is negative or not a number, an interference of
-            the wrong kind for the surface, a pivot of a deformable surface, or a pivot in space
-            without an axis.
+            the wrong kind for the surface, a pivot of a deformable surface, a pivot in space
+            without an axis, or an interface law with friction or a pivot.
     """
 
     nodes: EntitySelection
@@ -216,10 +220,12 @@ class ContactPair:
     interference: bool | float | Callable[[Array], Array] = False
     pivot: RealVector | None = None
     axis: RealVector | None = None
+    interface_law: InterfaceLaw | None = None
 
     @defer_errors_if_parallel
     def __post_init__(self) -> None:
         _check_part_selects_nodes_or_facets("nodes", self.nodes, "ContactPair(nodes, surface)")
+        self._check_interface_law()
         bodies = (MatchingNodes, DeformableSurface)
         if self.pivot is not None and isinstance(self.surface, bodies):
             raise ValueError("a deformable body has no pivot: supports rotate it")
@@ -258,6 +264,27 @@ class ContactPair:
                 "a motion of a contact pair", motion, Motion, "it has to be a Motion"
             )
         object.__setattr__(self, "motions", motions)
+
+    def _check_interface_law(self) -> None:
+        law = self.interface_law
+        if law is None:
+            return
+        if not isinstance(law, InterfaceLaw) or isinstance(law, type):
+            raise TypeError(
+                f"the interface law is {arguments.describe_value_or_type(law)}: it has to have "
+                "n_history, initial_history and evaluate, as InterfaceLaw says"
+            )
+        arguments.check_integer("n_history of an interface law", law.n_history, 0)
+        if not (arguments.is_real_number(self.friction) and self.friction == 0):
+            raise ValueError(
+                "a pair has an interface law and friction: give the friction to the law, as in "
+                "interface_law=UnilateralContact(friction=0.3)"
+            )
+        if self.pivot is not None:
+            raise ValueError(
+                "a pair has an interface law and a pivot: laws are available for surfaces that do "
+                "not turn"
+            )
 
     @property
     def law(self) -> Friction:

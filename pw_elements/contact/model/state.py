@@ -38,7 +38,8 @@ class PairState:
             in the contact law. A warning is logged where the values differ from `slip`.
         friction: (m,), Coulomb's coefficient mu. For other laws it is the limit of friction divided
             by the normal force.
-        status: (m,), OPEN, STICK, SLIP or HELD. Nodes in frictional contact with a deformable
+        status: (m,), OPEN, STICK, SLIP or HELD. Nodes of pairs with an interface law are OPEN if
+            they have no force, and STICK otherwise. Nodes in frictional contact with a deformable
             surface are HELD where supports prescribe the same motion of both sides, so that there
             is no friction along the supports. Nodes that supports move along a rigid surface slip
             if the surface moves differently.
@@ -60,6 +61,10 @@ class PairState:
         opposite_node: (k,), global numbers of the nodes of a deformable surface, sorted by
             position.
         opposite_force: (k, dim), nodal forces on the nodes of a deformable surface.
+        law_history: (m, dim + h), for pairs with an interface law: slips since the undeformed state
+            in global components, followed by the history variables of the law. If several pairs
+            have laws, h is the largest number of their variables. It is (m, 0) if no pair has a
+            law.
     """
 
     position: Array
@@ -82,6 +87,7 @@ class PairState:
     faced_node: Indices
     opposite_node: Indices
     opposite_force: Array
+    law_history: Array
 
     def __post_init__(self) -> None:
         for values in vars(self).values():
@@ -131,6 +137,9 @@ class Residuals:
             force, and by a length or by the slip if this is larger.
         balance: difference between total and prescribed force of each free motion of a surface.
             For free rotations it is the difference of torques divided by the lever arm.
+        law: difference between the force and that of the interface law, at nodes with such a law.
+            For laws that are stiffer than the body at the node, it is divided by the ratio of both
+            stiffnesses. The conditions of unilateral contact do not count at these nodes.
     """
 
     equilibrium: float = 0.0
@@ -141,6 +150,7 @@ class Residuals:
     stick: float = 0.0
     direction: float = 0.0
     balance: float = 0.0
+    law: float = 0.0
 
     def largest(self) -> float:
         """Return the largest of all residuals."""

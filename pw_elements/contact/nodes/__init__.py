@@ -6,6 +6,8 @@ from pw_elements.contact.nodes.deformed import (
     NoDeformablePairs,
     RigidSurfaceMotion,
 )
+from pw_elements.contact.nodes.frames import make_frames
+from pw_elements.contact.nodes.law_nodes import InterfaceLawNodes, stiffness_ratio
 from pw_elements.contact.nodes.nodes import (
     HELD,
     MAX_CONTACT_VIOLATION_PER_NODAL_FORCE,
@@ -15,6 +17,7 @@ from pw_elements.contact.nodes.nodes import (
     ActiveSet,
     ContactNodes,
     LinearisedContactLaw,
+    LinearisedInterfaceLaw,
     LinearisedKinematics,
     TorqueMap,
     assemble_active_set_equations,

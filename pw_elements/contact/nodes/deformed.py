@@ -20,12 +20,14 @@ from pw_elements.contact.interface import (
     rotate_with_normal,
 )
 from pw_elements.contact.model import ContactPair
-from pw_elements.contact.nodes.nodes import (
-    LinearisedKinematics,
-    TorqueMap,
+from pw_elements.contact.nodes.frames import (
     add_tangents_along_supports,
     find_held_tangents,
     make_frames,
+)
+from pw_elements.contact.nodes.nodes import (
+    LinearisedKinematics,
+    TorqueMap,
 )
 from pw_elements.contact.nodes.undeformed import IncrementStart
 

@@ -19,6 +19,7 @@ also assumes that the first row of each frame is a unit normal.
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 from mpi4py import MPI
 
@@ -41,16 +42,54 @@ MAX_CONTACT_VIOLATION_PER_NODAL_FORCE = 1e-9
 # Smallest weight of a friction force, relative to the product of slip and law scale, in the
 # equations of sticking points whose slip may be determined by the gaps of other points
 MIN_KEPT_FRICTION_WEIGHT = 1e-3
-# Smallest length of a unit tangent's projection on the components held by supports at which the
-# tangent counts as held
-_MIN_SUPPORT_PROJECTION_OF_HELD_TANGENT = 0.5
+
+
+@dataclass(frozen=True)
+class LinearisedInterfaceLaw:
+    """Interface laws r = R(g, v, r), linearised as r - by_force r - by_motion (g; v) = intercept.
+
+    All arrays except the mask are zero at nodes without a law. Components are in the frames.
+
+    Args:
+        at_law: (m,), mask of the nodes with a law.
+        intercept: (m, dim), right-hand side.
+        by_motion: (m, dim, dim), derivatives of R by gap and slip.
+        by_force: (m, dim, dim), derivatives of R by the force.
+    """
+
+    at_law: Mask
+    intercept: Array
+    by_motion: Array
+    by_force: Array
+
+    def replace_outside(
+        self, is_inside: Mask, elsewhere: "LinearisedInterfaceLaw"
+    ) -> "LinearisedInterfaceLaw":
+        """Return the law with the values of `elsewhere` where the mask `is_inside` is false."""
+        pairs = zip(vars(self).values(), vars(elsewhere).values(), strict=True)
+        return LinearisedInterfaceLaw(
+            *(np.where(is_inside.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs)
+        )
+
+    def rotate(self, tangent_rotation: Array) -> "LinearisedInterfaceLaw":
+        """Return the law in frames whose tangents are rotated by (m, dim - 1, dim - 1)."""
+        Q = np.zeros_like(self.by_motion)
+        Q[:, 0, 0], Q[:, 1:, 1:] = 1.0, tangent_rotation
+        inverse = np.swapaxes(Q, 1, 2)
+        return LinearisedInterfaceLaw(
+            self.at_law,
+            np.einsum("nab,nb->na", Q, self.intercept),
+            Q @ self.by_motion @ inverse,
+            Q @ self.by_force @ inverse,
+        )
 
 
 @dataclass(frozen=True)
 class ActiveSet:
     """Status and linearised friction of this process' m contact nodes in one linear system.
 
-    All arrays except the status are zero at nodes that do not slip or have no friction. Below, p is
+    All arrays except the status are zero at nodes that do not slip or have no friction. Interface
+    laws have equations of their own, which replace those of the status. Below, p is
     the trial pressure, s the trial friction, v the slip, and l(p) the friction limit with the slope
     l'(p). The held tangents of a node are the tangents along which supports hold it. Support
     friction is the friction along held tangents.
@@ -66,6 +105,8 @@ class ActiveSet:
         support_friction: (m, dim - 1), support friction in the previous iteration at nodes whose
             surface is free to slide.
         support_slip: (m, dim - 1), slip along held tangents in the previous iteration.
+        interface_law: linearised interface laws; None if no pair has one. At nodes with a law, the
+            status only tells whether there is a force.
     """
 
     status: npt.NDArray[np.int8]
@@ -76,6 +117,7 @@ class ActiveSet:
     friction_per_slip: Array
     support_friction: Array
     support_slip: Array
+    interface_law: LinearisedInterfaceLaw | None = None
 
 
 def linearise_friction_limits(
@@ -125,8 +167,16 @@ def combine_active_sets(is_inside: Mask, inside: ActiveSet, elsewhere: ActiveSet
     The values are those of `inside` where the mask `is_inside` (m,) is true, and those of
     `elsewhere` at all other nodes.
     """
-    pairs = zip(vars(inside).values(), vars(elsewhere).values(), strict=True)
-    return ActiveSet(*(np.where(is_inside, a.T, b.T).T for a, b in pairs))
+    names = [name for name in vars(inside) if name != "interface_law"]
+    values: dict[str, Any] = {
+        name: np.where(is_inside, getattr(inside, name).T, getattr(elsewhere, name).T).T
+        for name in names
+    }
+    if inside.interface_law is not None and elsewhere.interface_law is not None:
+        values["interface_law"] = inside.interface_law.replace_outside(
+            is_inside, elsewhere.interface_law
+        )
+    return ActiveSet(**values)
 
 
 def rotate_active_set(active: ActiveSet, old_frame: Array, new_frame: Array) -> ActiveSet:
@@ -137,7 +187,8 @@ def rotate_active_set(active: ActiveSet, old_frame: Array, new_frame: Array) -> 
     rotation = np.einsum("nai,nbi->nab", new_frame[:, 1:], old_frame[:, 1:])
     names = "direction", "support_friction", "support_slip"
     vectors = {name: np.einsum("nab,nb->na", rotation, getattr(active, name)) for name in names}
-    return replace(active, **vectors)
+    law = active.interface_law
+    return replace(active, interface_law=None if law is None else law.rotate(rotation), **vectors)
 
 
 def find_differing_nodes(a: ActiveSet, b: ActiveSet) -> Mask:
@@ -146,7 +197,12 @@ def find_differing_nodes(a: ActiveSet, b: ActiveSet) -> Mask:
     slope = np.abs(a.limit_slope - b.limit_slope) > _EQUAL_ACTIVE_SETS_TOLERANCE
     change = np.abs(a.support_friction - b.support_friction)
     friction = change > _EQUAL_ACTIVE_SETS_TOLERANCE * np.abs(a.support_friction)
-    return np.asarray((a.status != b.status) | direction | slope | friction.any(axis=1))
+    differs = (a.status != b.status) | direction | slope | friction.any(axis=1)
+    if a.interface_law is not None and b.interface_law is not None:
+        laws = a.interface_law.intercept, b.interface_law.intercept
+        law_change = np.abs(laws[0] - laws[1])
+        differs |= (law_change > _EQUAL_ACTIVE_SETS_TOLERANCE * np.abs(laws[0])).any(axis=1)
+    return np.asarray(differs)
 
 
 def is_same_set(a: ActiveSet, b: ActiveSet, comm: MPI.Comm) -> bool:
@@ -285,6 +341,13 @@ class ContactNodes:
             support_slip=np.where(is_iterated, self.slip, 0.0),
         )
 
+    def updated_law_history(self, start_history: Array) -> Array:
+        """Return the history (m, n_history) of interface laws at the end of the increment.
+
+        Without interface laws it is `start_history` (m, n_history), that at the start.
+        """
+        return start_history
+
     def law_violation(self) -> Array:
         """Return the violation (m, dim) of the contact law as forces, which are zero at a solution.
 
@@ -378,6 +441,10 @@ def assemble_active_set_equations(
     A[slip, 1:, 1:] = identity[1:, 1:] - M
     B[slip, 1:, 1:] = c[:, None, None] * M + active.friction_per_slip[slip, None, None] * projector
     b[:, 1:] = active.limit_intercept[:, None] * active.direction
+    if (law := active.interface_law) is not None:
+        A[law.at_law] = identity - law.by_force[law.at_law]
+        B[law.at_law] = -law.by_motion[law.at_law]
+        b[law.at_law] = law.intercept[law.at_law]
     return A, B, b
 
 
@@ -598,49 +665,3 @@ class LinearisedKinematics:
         to_global = np.swapaxes(stated_frame, 1, 2)
         E, C, D, c = (to_global @ part for part in (A @ stated_frame, C, D, c[:, :, None]))
         return LinearisedContactLaw(E, C, D, c[:, :, 0])
-
-
-def make_frames(normal: Array, law_applies: Mask) -> Array:
-    """Return frames (m, dim, dim) whose rows are a unit normal and unit tangents.
-
-    Tangents lie in the directions in which the contact law applies. Rows for which there is no such
-    tangent are zero.
-
-    Args:
-        normal: (m, dim), unit normals.
-        law_applies: (m, dim), mask of the global components in which the law applies. All other
-            components have to be perpendicular to the normal.
-    """
-    free = np.eye(normal.shape[1]) * law_applies[:, None, :]
-    projector = free - normal[:, :, None] * normal[:, None, :]
-    values, vectors = np.linalg.eigh(projector)  # eigenvalues 0 and 1, ascending
-    tangents = np.swapaxes(vectors * (values > 0.5)[:, None, :], 1, 2)
-    return np.concatenate([normal[:, None, :], tangents[:, 1:]], axis=1)
-
-
-def add_tangents_along_supports(frame: Array, held_components: Mask) -> Array:
-    """Return frames (m, dim, dim) with zero tangents replaced by unit tangents along supports.
-
-    Tangents are replaced only at points where supports hold a component. `held_components` (m, dim)
-    is a mask of the global components that supports hold.
-    """
-    if not held_components.any():
-        return frame
-    frame = frame.copy()
-    for t in range(1, frame.shape[1]):
-        empty = np.flatnonzero(held_components.any(axis=1) & ~frame[:, t].any(axis=1))
-        rows = frame[empty]
-        axes = np.eye(frame.shape[1]) - np.einsum("nka,nkb->nab", rows, rows)
-        lengths = np.where(held_components[empty], np.linalg.norm(axes, axis=2), 0.0)
-        chosen = axes[np.arange(len(empty)), lengths.argmax(axis=1)]
-        frame[empty, t] = chosen / np.linalg.norm(chosen, axis=1, keepdims=True)
-    return frame
-
-
-def find_held_tangents(frame: Array, held_components: Mask) -> Mask:
-    """Return a mask (m, dim - 1) of the tangents along which supports hold a point.
-
-    `held_components` (m, dim) is a mask of the global components that supports hold.
-    """
-    held_part = np.where(held_components[:, None], frame[:, 1:], 0.0)
-    return np.asarray(np.linalg.norm(held_part, axis=2) > _MIN_SUPPORT_PROJECTION_OF_HELD_TANGENT)

@@ -24,7 +24,8 @@ from pw_elements.contact.interface import (
     ContactInterface,
     MortarSlipReference,
 )
-from pw_elements.contact.nodes.nodes import LinearisedKinematics, make_frames
+from pw_elements.contact.nodes.frames import make_frames
+from pw_elements.contact.nodes.nodes import LinearisedKinematics
 
 
 class MortarKinematics:

@@ -8,7 +8,7 @@ The module guarantees kinematics that depend on displacements linearly. It assum
 not rotate, and displacements that are small compared to the radii of the surfaces.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 from mpi4py import MPI
@@ -18,12 +18,14 @@ import numpy as np
 from pw_elements.arrays import Array, Mask
 from pw_elements.contact.interface import RELATIVE_COORDINATE_ROUND_OFF, ContactInterface
 from pw_elements.contact.model import ContactState
-from pw_elements.contact.nodes.nodes import (
-    LinearisedKinematics,
-    TorqueMap,
+from pw_elements.contact.nodes.frames import (
     add_tangents_along_supports,
     find_held_tangents,
     make_frames,
+)
+from pw_elements.contact.nodes.nodes import (
+    LinearisedKinematics,
+    TorqueMap,
 )
 
 # Step of finite differences along free translations, relative to the extent of the contact nodes
@@ -39,11 +41,13 @@ class IncrementStart:
         force: forces (m, dim) on the points.
         q: motions (pairs, k) of the surfaces, which are translations and, if surfaces may rotate,
             angles.
+        history: history (m, n_history) of interface laws; (m, 0) if no pair has one.
     """
 
     displacement: Array
     force: Array
     q: Array
+    history: Array = field(default_factory=lambda: np.empty((0, 0)))
 
 
 def make_increment_start(
@@ -56,10 +60,10 @@ def make_increment_start(
         interface: contact points of all pairs.
         q: motions (pairs, k) of the surfaces in this state.
     """
-    displacement, force = interface.extract_local_pair_state_values(
-        state.pairs, "displacement", "force_vector"
+    displacement, force, history = interface.extract_local_pair_state_values(
+        state.pairs, "displacement", "force_vector", "law_history"
     )
-    return IncrementStart(displacement, force, q)
+    return IncrementStart(displacement, force, q, history)
 
 
 class ContactKinematics(Protocol):

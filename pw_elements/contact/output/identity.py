@@ -333,6 +333,8 @@ def fingerprint_mesh_supports_and_pairs(
             "interference": sample_interference(interface, k, pair),
             "opposite side": gather_nodal_values(probes.fields[0].space, facing, owned).ravel(),
         }
+        if interface.laws is not None:
+            pair_numbers["interface law"] = interface.laws.sample_responses(k)
         for name, values in pair_numbers.items():
             status, separator, suffix = name.partition("#")
             numbers[f"{status} of contact pair {k}{separator}{suffix}"] = values

@@ -60,7 +60,7 @@ _RECORD_TYPE_OF_STATE_ATTRIBUTE = {
     "smallness": SmallDisplacementMeasures,
 }
 _FILE_FORMAT_NAME = "pw_elements contact state"
-_FILE_FORMAT_AND_VERSION = f"{_FILE_FORMAT_NAME} 8"
+_FILE_FORMAT_AND_VERSION = f"{_FILE_FORMAT_NAME} 9"
 # Name of a file's first array, the digest of all others. It shows that a file contains a state,
 # even if the file is incomplete
 _DIGEST_ARRAY_NAME = f"{_FILE_FORMAT_NAME}, digest"

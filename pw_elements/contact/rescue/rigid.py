@@ -214,8 +214,12 @@ class RigidMotions:
     def describe_free_rigid_motions(self, active: ActiveSet, frame: Array) -> list[str]:
         """Return a text for each rigid motion that remains free for an active set.
 
-        `frame` (m, dim, dim) are the frames of the contact nodes.
+        Nodes with an interface law count as holding the body, whatever their status. `frame`
+        (m, dim, dim) are the frames of the contact nodes.
         """
+        if (laws := self._system.interface.laws) is not None:
+            status = np.where(laws.has_law, STICK, active.status).astype(np.int8)
+            active = replace(active, status=status)
         free = self._find_free_rigid_motions(active, frame)
         if not len(free):
             return []
@@ -237,14 +241,14 @@ class RigidMotions:
         if not comm.allreduce(bool(is_at_limit.any()), MPI.LOR):
             return False
         direction = shear / np.where(is_at_limit, size, 1.0)[:, None]
+        ones = np.ones(len(is_at_limit))
         sliding = replace(
             active,
             status=np.full_like(active.status, SLIP),
             direction=direction,
-            **{
-                name: np.ones(len(is_at_limit))
-                for name in ("friction_ratio", "limit_slope", "limit_intercept")
-            },
+            friction_ratio=ones,
+            limit_slope=ones,
+            limit_intercept=ones,
         )
         free = self._find_free_rigid_motions(
             combine_active_sets(~is_at_limit, active, sliding), nodes.frame

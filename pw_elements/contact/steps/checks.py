@@ -119,6 +119,10 @@ def check_impact_and_list_surface_paths(
     """
     if any(isinstance(pair.surface, (MatchingNodes, DeformableSurface)) for pair in pairs):
         raise ValueError("impact of two bodies is not supported: give rigid surfaces")
+    if any(pair.interface_law is not None for pair in pairs):
+        raise ValueError(
+            "impact has unilateral contact with friction only: leave the interface law out"
+        )
     if is_hybrid(space):
         raise ValueError(
             "a pressure has no mass: give a space of displacements alone, as of "

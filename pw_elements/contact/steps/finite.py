@@ -35,6 +35,7 @@ from pw_elements.contact.interface import (
     RELATIVE_COORDINATE_ROUND_OFF,
     ContactInterface,
     build_interface,
+    make_interface_laws,
 )
 from pw_elements.contact.iteration import (
     CellInversionCheck,
@@ -46,6 +47,7 @@ from pw_elements.contact.iteration import (
     SlidingBodiesEquilibrium,
     TargetLoadsAndMotions,
     UpdateKeepingCyclingSetsUntilSolved,
+    check_interface_laws_at_solution,
     interpolate_targets,
     make_contact_state,
     open_points_with_dependent_normals,
@@ -53,6 +55,7 @@ from pw_elements.contact.iteration import (
     solve_increment,
 )
 from pw_elements.contact.model import (
+    SNAP_BACK_EXPLANATION,
     ActiveSetCycling,
     ContactPair,
     ContactState,
@@ -105,7 +108,11 @@ from pw_elements.contact.system import (
     check_solver_supports_shared_nodes,
     measure_cost,
 )
-from pw_elements.elasticity import SINGULAR_STIFFNESS_WARNING_AND_REMEDY, TangentBulkShearMonitor
+from pw_elements.elasticity import (
+    SINGULAR_STIFFNESS_WARNING_AND_REMEDY,
+    TangentBulkShearMonitor,
+    is_axisymmetric_residual,
+)
 from pw_elements.progress import log_on_root, report_activity
 from pw_elements.solvers import LinearSolver, NotConverged, has_separate_supports
 from pw_elements.spaces import is_hybrid
@@ -165,6 +172,14 @@ class LargeStrainStepping:
             pairs, self._whole_space, self._reduction, large_sliding=True
         )
         check_solver_supports_shared_nodes(self.interface, solver)
+        (test_function,) = self.form.arguments()
+        is_galerkin = test_function.ufl_element() == self._whole_space.ufl_element()
+        self.interface.laws = make_interface_laws(
+            pairs,
+            self.interface,
+            is_galerkin=is_galerkin,
+            is_axisymmetric=is_axisymmetric_residual(self.form, self.u),
+        )
         remedy = "give -F, the forces of stresses less those of loads"
         check_stiffness_sign(problem.system.tangent, self.interface, remedy)
         if self.interface.mortars and has_separate_supports(solver):
@@ -184,8 +199,6 @@ class LargeStrainStepping:
         self.coefficients = ResidualCoefficients.from_form(self.form, self.u, self.history)
         self._system: ContactSystem | None = None
         self._ratio_monitor: TangentBulkShearMonitor | None = None
-        (test_function,) = self.form.arguments()
-        is_galerkin = test_function.ufl_element() == self._whole_space.ufl_element()
         if not (is_galerkin or is_hybrid(self._whole_space)):
             self._ratio_monitor = TangentBulkShearMonitor(self.form, self.u)
 
@@ -298,6 +311,8 @@ class LargeStrainStepping:
                 )
                 if friction_may_fail and (friction_message := describe_exhausted_friction(current)):
                     message += f". {friction_message}"
+                if interface.laws is not None and interface.laws.may_soften:
+                    message += f". {SNAP_BACK_EXPLANATION}"
                 not_found = SolutionNotFound(message)
                 not_found.last_substate = (reached_fraction, current) if substeps else None
                 raise not_found from error
@@ -397,13 +412,12 @@ class LargeStrainStepping:
             )
             is_closed = np.zeros(len(interface.pair), dtype=bool)
         n_signs = len(system.tangent.solver.determinant_signs)
+        active = make_sticking_active_set(is_closed, interface.cone, linearised.frame.shape[1] - 1)
+        active = increment.add_initial_interface_laws(active, linearised, linearised.v0, q)
         end = solve_increment(
             increment,
             open_points_with_dependent_normals(
-                interface,
-                make_sticking_active_set(is_closed, interface.cone, linearised.frame.shape[1] - 1),
-                linearised.frame[:, 0],
-                -linearised.gap,
+                interface, active, linearised.frame[:, 0], -linearised.gap
             ),
             linearised,
             make_update(interface),
@@ -425,6 +439,7 @@ class LargeStrainStepping:
             interface, kinematics.slip_references_and_positions
         )
         self._raise_if_free_surface_turns_too_far(start.q, end.q, target.q)
+        check_interface_laws_at_solution(increment, end)
         signs = self._check_and_return_determinant_signs(system, n_signs, state)
         sizes = increment.updated_scale_and_reference_force_and_length(end, state.scale)
         solution = make_contact_state(

@@ -424,6 +424,11 @@ class ContactProblem:
                 "the residual has a history, and the derivatives of `update` are unknown: "
                 "sensitivities need a problem without `history`"
             )
+        if any(pair.interface_law is not None for pair in self.pairs):
+            raise ValueError(
+                "there are no derivatives of states with interface laws: sensitivities need pairs "
+                "without one"
+            )
         states = check_and_list_successive_states(states, self.undeformed)
         n_steps = len(states) - 1
         check_loads_fit_problem(loads, n_steps, self._has_residual)

@@ -35,6 +35,8 @@ from pw_elements.arrays import Array
 from pw_elements.contact.interface import (
     build_interface,
     build_interface_with_other_friction,
+    describe_weight_functions,
+    make_interface_laws,
 )
 from pw_elements.contact.iteration import (
     RELATIVE_DISPLACEMENT_ROUND_OFF,
@@ -43,6 +45,8 @@ from pw_elements.contact.iteration import (
     LinearIncrementEquations,
     NewtonIterate,
     TargetLoadsAndMotions,
+    check_determinant_sign_if_laws_soften,
+    check_interface_laws_at_solution,
     choose_first_active_set,
     interpolate_targets,
     make_contact_state,
@@ -52,6 +56,7 @@ from pw_elements.contact.iteration import (
     solve_increment,
 )
 from pw_elements.contact.model import (
+    SNAP_BACK_EXPLANATION,
     ContactFailed,
     ContactPair,
     ContactState,
@@ -173,11 +178,15 @@ class SmallStrainStepping:
             full_size_masking_reduction(reduction) if uses_krylov else reduction, K
         )
         self._max_iterations, self._callback = max_iterations, callback
-        # springs require an assembled matrix
-        self._remedies = {k: m for k, m in remedies.items() if k == "cutback" or not uses_krylov}
+        # springs require an assembled matrix, and the law of unilateral contact
+        allows_springs = not uses_krylov and all(pair.interface_law is None for pair in pairs)
+        self._remedies = {k: m for k, m in remedies.items() if k == "cutback" or allows_springs}
         self._n_first_attempt_solves = 0  # linear systems in the increment's first attempt
         self.interface = build_interface(pairs, space, self._reduction, read_record(K))
         check_solver_supports_shared_nodes(self.interface, solver)
+        self.interface.laws = make_interface_laws(
+            pairs, self.interface, **describe_weight_functions(K, pairs, space)
+        )
         check_stiffness_sign(K, self.interface, _WRONG_STIFFNESS_SIGN_REMEDY)
         self.space = self.interface.field.space
         self._smallness_check = SmallDisplacementAndSurfacePassingCheck(self.interface, self.space)
@@ -241,6 +250,8 @@ class SmallStrainStepping:
             try:
                 solution = self._solve_substep(state, end, reporter, cost_before)
             except SolutionNotFound as failure:
+                if self.interface.laws is not None and self.interface.laws.may_soften:
+                    failure.args = (f"{failure}. {SNAP_BACK_EXPLANATION}",)
                 substeps = self._solve_in_substeps(state, end, reporter)
                 if not substeps:
                     raise
@@ -347,12 +358,17 @@ class SmallStrainStepping:
             rigid.describe_free_rigid_motions,
             target,
         )
+        active = increment.add_initial_interface_laws(
+            active, linearised, increment.start.displacement, increment.start.q
+        )
         max_iterations = self._max_iterations
         if remaining_solves is not None:
             max_iterations = int(max(1, min(max_iterations, remaining_solves())))
 
         @cache
         def find_proof() -> NoEquilibrium | None:
+            if self.interface.laws is not None:
+                return None  # the proof assumes forces of unilateral contact
             load = self._make_equilibrium(target).load
             return prove_no_equilibrium(increment, load, linearised, rigid)
 
@@ -447,14 +463,16 @@ class SmallStrainStepping:
             end.nodes.trial_pressure > 0,
         )
         self.interface.check_supports_move_both_sides_equally(offset, target.q, is_pressed)
-        raise_if_body_is_loose(
-            increment,
-            end,
-            rigid,
-            state,
-            lambda: self._measure_cost_since(target.free_motions, cost_before),
-        )
+        if self.interface.laws is None:  # laws also hold a body by tension
+            raise_if_body_is_loose(
+                increment,
+                end,
+                rigid,
+                state,
+                lambda: self._measure_cost_since(target.free_motions, cost_before),
+            )
         raise_if_force_shares_are_not_unique(self.interface, end.nodes, end.allowance)
+        check_interface_laws_at_solution(increment, end)
         slides = rigid.can_slide_at_exhausted_friction(end.nodes, end.allowance)
         smallness = self._smallness_check.check_passing_and_measure_smallness(increment, end, state)
         iterations, report = self._measure_cost_since(target.free_motions, cost_before)
@@ -469,7 +487,8 @@ class SmallStrainStepping:
             smallness=smallness,
             can_slide_at_same_forces=slides,
         )
-        return self._recompute_and_verify_residuals(solution, state, target, sizes)
+        solution = self._recompute_and_verify_residuals(solution, state, target, sizes)
+        return check_determinant_sign_if_laws_soften(increment.system, solution, state)
 
     def _recompute_and_verify_residuals(
         self,

@@ -33,7 +33,11 @@ from pw_elements.contact.interface import (
 )
 from pw_elements.contact.iteration import RELATIVE_DISPLACEMENT_ROUND_OFF
 from pw_elements.contact.model import ContactPair, ContactState, Residuals, SolutionNotFound
-from pw_elements.contact.nodes import MAX_CONTACT_VIOLATION_PER_NODAL_FORCE
+from pw_elements.contact.nodes import (
+    MAX_CONTACT_VIOLATION_PER_NODAL_FORCE,
+    make_frames,
+    stiffness_ratio,
+)
 
 # Shift of points, relative to the extent of the nodes, that reveals noise in a surface's function
 _NOISE_PROBE_SHIFT_PER_EXTENT = 1e-12
@@ -73,6 +77,8 @@ class MeasuredKinematics:
             unknowns.
         transfer_error: round-off errors (m,) of the transfer of a node's force to the opposite
             body, relative to the force.
+        start_history: history (m, n_history) of interface laws at the start of the increment; None
+            if no pair has an interface law.
     """
 
     gap: Array
@@ -82,6 +88,7 @@ class MeasuredKinematics:
     noise: Array
     force_operator: PETSc.Mat
     transfer_error: Array
+    start_history: Array | None = None
 
 
 def measure_small_strain_kinematics(
@@ -113,8 +120,21 @@ def measure_small_strain_kinematics(
     gap = gap + remaining_interference_fraction * interface.initial_interference
     motion_size = np.linalg.norm(motions[1], axis=1) + np.linalg.norm(shifts[1], axis=1)
     return MeasuredKinematics(
-        gap, normal, slip, motion_size, noise, interface.force, np.zeros(len(gap))
+        gap,
+        normal,
+        slip,
+        motion_size,
+        noise,
+        interface.force,
+        np.zeros(len(gap)),
+        _start_history(interface, start_state),
     )
+
+
+def _start_history(interface: ContactInterface, start_state: ContactState) -> Array | None:
+    if interface.laws is None:
+        return None
+    return interface.extract_local_pair_state_values(start_state.pairs, "law_history")[0]
 
 
 def measure_large_strain_kinematics(
@@ -186,7 +206,14 @@ def measure_large_strain_kinematics(
     surface_motion = state.translations[interface.pair]
     motion_size = np.linalg.norm(motions[1], axis=1) + np.linalg.norm(surface_motion, axis=1)
     measured = MeasuredKinematics(
-        gap, normal, slip, motion_size, noise, interface.force, np.zeros(len(gap))
+        gap,
+        normal,
+        slip,
+        motion_size,
+        noise,
+        interface.force,
+        np.zeros(len(gap)),
+        _start_history(interface, start_state),
     )
     return (
         _measure_kinematics_of_sliding_bodies(interface, start_state, state, measured)
@@ -385,6 +412,12 @@ def measure_residuals_and_allowances(
         displacements.ravel(),
         reduction,
     )
+    if interface.laws is None:
+        values["law"], allowances["law"] = np.zeros((2, 0))
+    else:
+        values, allowances = _add_interface_law_residuals(
+            values, allowances, kinematics, force, interface, scales
+        )
     values["equilibrium"] = np.atleast_1d(unbalanced_elsewhere / scales.force)
     force_round_off = float(comm.allreduce(allowances["tension"].max(initial=0.0), MPI.MAX))
     (transfer_round_off,) = _max_over_ranks_or_inf_if_nan(
@@ -476,6 +509,40 @@ def _measure_law_residuals_and_allowances(
         + 2 * length_round_off * limit / F
     )
     return values, allowances
+
+
+def _add_interface_law_residuals(
+    values: dict[str, Array],
+    allowances: dict[str, Array],
+    kinematics: MeasuredKinematics,
+    force: Array,
+    interface: ContactInterface,
+    scales: VerificationScales,
+) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Return residuals and allowances by name, with those of interface laws at nodes that have one.
+
+    The arguments `values` and `allowances` are those of unilateral contact at all nodes.
+    """
+    assert interface.laws is not None
+    assert kinematics.start_history is not None
+    frame = make_frames(kinematics.normal, interface.equation >= 0)
+    components = np.einsum("nab,nb->na", frame, force)
+    at_law, response = interface.laws.evaluate(
+        frame,
+        kinematics.gap,
+        np.einsum("nta,na->nt", frame[:, 1:], kinematics.slip),
+        components,
+        kinematics.start_history,
+        scales.stiffness,
+    )
+    violation = np.linalg.norm(components - response.force, axis=1)
+    violation /= stiffness_ratio(response, scales.stiffness) * scales.force
+    length_round_off = allowances["penetration"] * scales.length * scales.stiffness / scales.force
+    force_gain = 1 + np.abs(response.by_force).sum(axis=(1, 2))
+    law_allowances = 2 * force_gain * (allowances["tension"] + length_round_off)
+    values = {name: np.where(at_law, 0.0, value) for name, value in values.items()}
+    values["law"] = np.where(at_law, violation, 0.0)
+    return values, allowances | {"law": np.where(at_law, law_allowances, 0.0)}
 
 
 def _measure_balance_residuals_and_allowances(

@@ -426,7 +426,7 @@ class KrylovTangent:
             raise self._krylov.make_not_converged_error(
                 residual_norm / max(combined_rhs.norm(), self._largest_contact_force())
             )
-        digits = np.log10(initial_residual / max(residual_norm, 1e-300))
+        digits = np.log10(max(initial_residual, 1e-300) / max(residual_norm, 1e-300))
         operations = self._count_floating_point_operations() - operations_before
         if self._operations_per_digit is None:
             self._operations_per_digit, self._operations_per_iteration = (

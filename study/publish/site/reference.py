@@ -81,6 +81,19 @@ NAME_GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
             "model.MatchingNodes",
         ),
     ),
+    "Contact: interface laws": (
+        "pw_elements.contact",
+        (
+            "model.ElasticInterface",
+            "model.Tie",
+            "model.UnilateralContact",
+            "model.CohesiveContact",
+            "model.InterfaceLaw",
+            "model.InterfaceValues",
+            "model.InterfaceResponse",
+            "model.SofteningLaw",
+        ),
+    ),
     "Contact: solving it": (
         "pw_elements.contact",
         ("solve_contact", "ContactProblem", "output.Progress", "solve_impact"),

@@ -1,4 +1,6 @@
-"""Loads and surface motions at the end of an increment or of a substep.
+"""Data of an increment: its targets, its linear systems and its iterates.
+
+A target contains the loads and surface motions at the end of an increment or of a substep.
 
 The module guarantees that the targets of substeps lie on the straight path from the start of the
 increment to its end. It assumes that motions and forces have been checked in the functions called
@@ -19,6 +21,13 @@ from pw_elements.contact.model import (
     ContactState,
     FreeMotionIndices,
     Motion,
+)
+from pw_elements.contact.nodes import (
+    ActiveSet,
+    ContactNodes,
+    LinearisedContactLaw,
+    LinearisedKinematics,
+    TorqueMap,
 )
 
 
@@ -138,3 +147,75 @@ def interpolate_targets(
         (1 - fraction) * start.forces + fraction * end.forces,
         (1 - fraction) * start.load_factor + fraction * end.load_factor,
     )
+
+
+@dataclass(frozen=True)
+class LinearisedIncrement:
+    """Linear system of Newton's method for an active set, without the load.
+
+    Args:
+        active: active set.
+        kinematics: kinematics at the point of linearisation.
+        law: linearised law, without the known motions.
+        totals: prescribed forces and torques (free,) of the free motions, less support friction.
+        torque_map: map from motions of the surfaces to velocities of the contact nodes.
+        springs: stiffness (free,) that support friction adds to the free motions.
+        known_q: known parts (m, k) of the motions of each point's surface.
+        known_v: known parts (m, p) of the motions of the points.
+        point_forces: forces (m, dim) of the points at the point of linearisation.
+    """
+
+    active: ActiveSet
+    kinematics: LinearisedKinematics
+    law: LinearisedContactLaw
+    totals: Array
+    torque_map: TorqueMap
+    springs: Array
+    known_q: Array
+    known_v: Array
+    point_forces: Array
+
+
+@dataclass(frozen=True)
+class NewtonIterate:
+    """Iterate of Newton's method: the solution of one linear system with all its residuals.
+
+    Args:
+        reduced_unknowns: displacements (n_r,), reduced by the supports.
+        unknowns: all unknowns (n,).
+        q: motions (pairs, k) of the surfaces.
+        displacement: displacements (m, dim) of the contact points, relative to opposite nodes if
+            there are any.
+        force: forces (m, dim) of the surfaces on the contact points.
+        unbalanced: magnitudes (n_r,) of the unbalanced forces in the equations of this process.
+        nodes: gaps, slips and forces in the frames of the contact nodes.
+        kinematics: kinematics from which gaps and slips were evaluated.
+        displacement_size: sums (m, dim) of the magnitudes of the displacements of each point and of
+            its opposite nodes.
+        allowance: tolerance of all conditions, expressed as a force.
+        round_off: part of the allowance that accounts for round-off.
+        violation: largest ratio of a residual to its tolerance.
+        is_solution: whether all conditions hold and the linear system was solved to the final
+            accuracy.
+        is_exact: whether solving the linear system again would not improve the accuracy.
+        is_final: whether the linear system was solved to the final accuracy.
+        step_length: length of the Newton step to this iterate, as a fraction of the full step to
+            the linear solution.
+    """
+
+    reduced_unknowns: PETSc.Vec
+    unknowns: PETSc.Vec
+    q: Array
+    displacement: Array
+    force: Array
+    unbalanced: Array
+    nodes: ContactNodes
+    kinematics: LinearisedKinematics
+    displacement_size: Array
+    allowance: float
+    round_off: float
+    violation: float
+    is_solution: bool
+    is_exact: bool
+    is_final: bool
+    step_length: float = 1.0

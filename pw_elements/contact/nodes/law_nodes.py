@@ -1,0 +1,112 @@
+"""Contact nodes with an interface law, whose equations are r - R(gap, slip, r) = 0.
+
+The module guarantees that the equations of all other nodes are those of `ContactNodes`.
+"""
+
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+
+import numpy as np
+
+from pw_elements.arrays import Array, Mask
+from pw_elements.contact.model import InterfaceLawEvaluation, InterfaceResponse
+from pw_elements.contact.nodes.nodes import (
+    OPEN,
+    STICK,
+    ActiveSet,
+    ContactNodes,
+    LinearisedInterfaceLaw,
+)
+
+
+@dataclass(frozen=True)
+class InterfaceLawNodes(ContactNodes):
+    """Contact nodes, some of which have an interface law.
+
+    Args:
+        at_law: (m,), mask of the nodes at which a law has been evaluated.
+        response: responses of the laws at the m nodes, with the new history (m, n_history).
+    """
+
+    at_law: Mask
+    response: InterfaceResponse
+
+    @classmethod
+    def from_nodes(
+        cls, nodes: ContactNodes, laws: InterfaceLawEvaluation, start_history: Array
+    ) -> "InterfaceLawNodes":
+        """Return nodes at which the interface laws have been evaluated.
+
+        Args:
+            nodes: gaps, slips and forces of the nodes.
+            laws: interface laws.
+            start_history: (m, n_history), history at the start of the increment.
+        """
+        at_law, response = laws.evaluate(
+            nodes.frame, nodes.gap, nodes.slip, nodes.force, start_history, nodes.scale
+        )
+        values = {field.name: getattr(nodes, field.name) for field in fields(ContactNodes)}
+        return cls(**values, at_law=at_law, response=response)
+
+    @cached_property
+    def trial_pressure(self) -> Array:
+        """Trial pressures (m,); at nodes with a law, the normal forces."""
+        trial = self.force[:, 0] - self.scale * self.gap
+        return np.where(self.at_law, self.force[:, 0], trial)
+
+    def _determine_active_set(self, previous_friction_direction: Array) -> ActiveSet:
+        active = super()._determine_active_set(previous_friction_direction)
+        at_law, response = self.at_law, self.response
+        has_force = response.force.any(axis=1)
+        status = np.where(at_law, np.where(has_force, STICK, OPEN), active.status)
+        numbers = {
+            name: np.where(at_law.reshape(-1, *[1] * (values.ndim - 1)), 0.0, values)
+            for name, values in vars(active).items()
+            if name not in ("status", "interface_law")
+        }
+        motion = np.concatenate([self.gap[:, None], self.slip], axis=1)
+        motion = np.where(at_law[:, None], motion, 0.0)
+        intercept = (
+            response.force
+            - np.einsum("nab,nb->na", response.by_motion, motion)
+            - np.einsum("nab,nb->na", response.by_force, self.force)
+        )
+        law = LinearisedInterfaceLaw(
+            at_law,
+            np.where(at_law[:, None], intercept, 0.0),
+            response.by_motion,
+            response.by_force,
+        )
+        return replace(active, status=status.astype(np.int8), interface_law=law, **numbers)
+
+    def updated_law_history(self, start_history: Array) -> Array:  # noqa: ARG002
+        """Return the history (m, n_history) of interface laws at the end of the increment."""
+        return self.response.history
+
+    def law_violation(self) -> Array:
+        """Return the violation (m, dim) of the contact and interface laws as forces."""
+        violation = self.force - self.response.force
+        return np.where(self.at_law[:, None], violation, super().law_violation())
+
+    def relative_residuals(
+        self, reference_force: float, reference_length: Array | float
+    ) -> dict[str, Array]:
+        """Return the relative violations (m,) of all conditions, by fields of `Residuals`.
+
+        The arguments are those of `ContactNodes.relative_residuals`.
+        """
+        residuals = super().relative_residuals(reference_force, reference_length)
+        residuals = {name: np.where(self.at_law, 0.0, values) for name, values in residuals.items()}
+        violation = np.linalg.norm(self.force - self.response.force, axis=1)
+        violation /= stiffness_ratio(self.response, self.scale)
+        return residuals | {"law": np.where(self.at_law, violation, 0.0) / reference_force}
+
+
+def stiffness_ratio(response: InterfaceResponse, law_scale: Array) -> Array:
+    """Return factors (m,) >= 1 by which violations of interface laws are divided.
+
+    The force of a stiff law is known to the round-off of lengths times its stiffness. The factor is
+    the stiffness of the law divided by `law_scale` (m,), a stiffness of the body.
+    """
+    stiffness = np.abs(response.by_motion).max(axis=(1, 2), initial=0.0)
+    return np.asarray(np.maximum(1.0, stiffness / law_scale))
