@@ -15,6 +15,7 @@ from study.solutions.calculix.decks import (
 )
 from study.solutions.calculix.die import DIES, DieSlidingOnBlock
 from study.solutions.calculix.hertz_line import HERTZ_LINES, HertzLineContact
+from study.solutions.calculix.plastic import PLASTIC_BLOCKS, CylinderOnPlasticBlock
 from study.solutions.calculix.standard_decks import SPECIMENS, AnySpecimen
 from study.solutions.calculix.two_bodies import (
     PAIRS,
@@ -34,6 +35,7 @@ Problem = (
     | DieSlidingOnBlock
     | RotatedPatch
     | SlidingBlock
+    | CylinderOnPlasticBlock
 )
 
 PROBLEMS: dict[str, Problem] = {
@@ -60,5 +62,6 @@ PROBLEMS: dict[str, Problem] = {
     **DIES,
     **PATCHES,
     **SLIDING_BLOCKS,
+    **PLASTIC_BLOCKS,
 }
 """Problems by the names of their recorded answers."""

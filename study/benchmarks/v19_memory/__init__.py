@@ -1,0 +1,1 @@
+"""Materials with memory in contact (section V19)."""
