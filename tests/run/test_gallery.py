@@ -40,6 +40,7 @@ COARSE_MESH_SETTINGS = {
     "snap_fit": "size = 0.4",
     "sphere_on_block": "size, side = 0.3, 4.0",
     "tuning_fork": "size = 8.0",
+    "worn_pin": "size = 0.4",
 }
 
 
@@ -285,6 +286,18 @@ def test_heated_joint_is_in_equilibrium_and_loses_no_heat(run_example):
     bounds = [side * (names["hot"] - names["cold"]) / (resistances + r) for r in (1 / 2.6e-3, 0)]
     assert bounds[0] < given < bounds[1]
     assert f"{len(names['pressures'])} turns" in names["printed"]
+
+
+def test_worn_pin_loses_archards_volume_and_becomes_flat(run_example):
+    """The worn volume is the coefficient times force times path; the pressure becomes even."""
+    names = run_example("worn_pin")
+    path = names["slip"] * names["increments"]
+    assert names["volume"] == pytest.approx(names["wear"] * names["force"] * path, rel=1e-2)
+    pressure = names["surface"].pressure(names["states"][-1].pairs[0].force_normal)
+    middle = np.abs(names["x"]) < names["flat"] / 2
+    even_pressure = names["force"] / (2 * names["flat"])
+    assert pressure[middle] == pytest.approx(even_pressure, rel=0.1)
+    assert f"{names['volume']:.4f} mm³/mm" in names["printed"]
 
 
 def test_bar_impact_has_expected_force_and_keeps_energy(run_example):

@@ -26,6 +26,7 @@ GALLERY_ORDER = (
     "gears",
     "press_fit",
     "falling_friction",
+    "worn_pin",
     "tuning_fork",
     "bar_impact",
     "rubber_punch",
