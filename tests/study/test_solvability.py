@@ -35,7 +35,7 @@ from tests.library.near_incompressible import measure_singularity
 SHIFT_BY_GEOMETRY = {"affine": 0.0, "straight": 0.2, "curved": 0.05}
 
 
-@pytest.mark.parametrize("element", set(CELL_BY_ELEMENT) - {"Q8"})
+@pytest.mark.parametrize("element", sorted(set(CELL_BY_ELEMENT) - {"Q8"}))
 @pytest.mark.parametrize("geometry", GEOMETRIES)
 def test_matrices_of_the_map_are_those_of_the_library(element, geometry):
     parameters = MeshParameters(element, geometry, "layers", 3.0, SHIFT_BY_GEOMETRY[geometry], 5)
@@ -52,7 +52,7 @@ def recorded_map(element, geometry):
     return records.read_rows(records.COSTLY_CASES)[f"E/map-{element}-{geometry}"].content["scalars"]
 
 
-@pytest.mark.parametrize("element", set(ELEMENTS) - {"pw-Q8"})
+@pytest.mark.parametrize("element", sorted(set(ELEMENTS) - {"pw-Q8"}))
 @pytest.mark.parametrize("geometry", GEOMETRIES)
 def test_bodies_warn_of_the_worst_meshes_of_the_map(element, geometry, caplog):
     """Beyond the limit a body warns of the worst mesh, and up to the limit no mesh is bad."""
