@@ -282,10 +282,13 @@ FIGURES = [
         needs=[f"E/map-{e}-{g}" for e in ELEMENTS for g in GEOMETRIES],
         caption="May I use this cell here? Find its row; then (a) the column of Poisson's ratio, for "
         "compact cells and layers up to 1000 times as long as high; (b) its shape, if it is long; "
-        "(c) its shape, if a pressure field is added. Numbers are the least singular values over all "
-        "meshes, relative to the standard element's. Colours are verdicts: displacements differ from "
-        "the standard element's by up to 10 % (yes) or 30 % (with care) and no determinant changes "
-        "its sign; else no. Q8 has no variant with pressure.",
+        "(c) its shape, if a pressure field is added. Regular: a linear map of a grid; straight: "
+        "vertices moved, sides straight; curved: mid-side nodes moved, too. Columns 10: slender bodies "
+        "of cells ten times as long as thick; needles 10: distorted cells stretched to ten times their "
+        "length, with angles near 180°. Colours are verdicts: displacements differ from the standard "
+        "element's by up to 10 % (yes) or 30 % (with care) and no determinant changes its sign; else "
+        "no. Numbers are least singular values over all meshes, relative to the standard element's. "
+        "Q8 has no variant with pressure.",
         alt=describe_map,
     ),
 ]
