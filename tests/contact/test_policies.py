@@ -56,7 +56,8 @@ def make_contact_nodes(force, gap=None, slip=None, friction=0.3):
 
 
 def test_nodes_that_cycle_change_one_at_a_time():
-    update = ActiveSetUpdate(report_no_free_motions, SimpleNamespace(comm=SELF_COMM))
+    interface = SimpleNamespace(comm=SELF_COMM, shared_nodes=SimpleNamespace(exist=False))
+    update = ActiveSetUpdate(report_no_free_motions, interface)
     first_set, second_set = (
         make_active_set(STICK, STICK, OPEN, OPEN),
         make_active_set(OPEN, OPEN, STICK, STICK),

@@ -56,11 +56,20 @@ class ElasticInterface:
                 raise ValueError(f"{name} is {value}: it must not be negative")
 
     def initial_history(self, gap: Array, weight: Array) -> Array:  # noqa: ARG002
-        """Return an array (m, 0): the layer has no history."""
+        """Return an array (m, 0): the layer has no history.
+
+        Args:
+            gap: (m,), gaps before any motion.
+            weight: (m,), weights of the nodes.
+        """
         return np.zeros((len(gap), 0))
 
     def evaluate(self, values: InterfaceValues) -> InterfaceResponse:
-        """Return forces, derivatives and history at some nodes."""
+        """Return forces, derivatives and history at some nodes.
+
+        Args:
+            values: gaps, slips, forces, history and weights of the nodes.
+        """
         m, dim = values.force.shape
         stiffness = np.full(dim, float(self.tangential_stiffness))
         stiffness[0] = self.normal_stiffness
@@ -81,11 +90,20 @@ class Tie:
     n_history = 1
 
     def initial_history(self, gap: Array, weight: Array) -> Array:  # noqa: ARG002
-        """Return the initial gaps (m, 1), which the tie keeps."""
+        """Return the initial gaps (m, 1), which the tie keeps.
+
+        Args:
+            gap: (m,), gaps before any motion.
+            weight: (m,), weights of the nodes.
+        """
         return np.asarray(gap[:, None])
 
     def evaluate(self, values: InterfaceValues) -> InterfaceResponse:
-        """Return forces, derivatives and history at some nodes."""
+        """Return forces, derivatives and history at some nodes.
+
+        Args:
+            values: gaps, slips, forces, history and weights of the nodes.
+        """
         m, dim = values.force.shape
         identity = np.broadcast_to(np.eye(dim), (m, dim, dim))
         motion = np.column_stack([values.gap - values.history[:, 0], values.slip])
@@ -143,11 +161,20 @@ class UnilateralContact:
             arguments.check_positive("the regularisation length", self.regularisation_length)
 
     def initial_history(self, gap: Array, weight: Array) -> Array:  # noqa: ARG002
-        """Return path and worn depth (m, 2), which are zero."""
+        """Return path and worn depth (m, 2), which are zero.
+
+        Args:
+            gap: (m,), gaps before any motion.
+            weight: (m,), weights of the nodes.
+        """
         return np.zeros((len(gap), 2))
 
     def evaluate(self, values: InterfaceValues) -> InterfaceResponse:
-        """Return forces, derivatives and new history (path and worn depth) at some nodes."""
+        """Return forces, derivatives and new history (path and worn depth) at some nodes.
+
+        Args:
+            values: gaps, slips, forces, history and weights of the nodes.
+        """
         (m, dim), c, w = values.force.shape, values.stiffness, values.weight
         start_path, worn_depth = values.history.T
         trial_pressure = values.force[:, 0] - c * (values.gap + worn_depth)
@@ -264,16 +291,29 @@ class CohesiveContact:
         return 2 * self.toughness / self.strength
 
     def softened_fraction(self, history: Array) -> Array:
-        """Return the part (m,) of the softening, from 0 at d_0 to 1 at d_f, in a history (m, 1)."""
+        """Return the part (m,) of the softening branch that nodes have passed, from 0 to 1.
+
+        Args:
+            history: (m, 1), largest effective openings.
+        """
         d_0, d_f = self.elastic_limit, self.final_opening
         return np.clip((history[:, 0] - d_0) / (d_f - d_0), 0.0, 1.0)
 
     def initial_history(self, gap: Array, weight: Array) -> Array:  # noqa: ARG002
-        """Return the largest effective openings (m, 1), which are zero."""
+        """Return the largest effective openings (m, 1), which are zero.
+
+        Args:
+            gap: (m,), gaps before any motion.
+            weight: (m,), weights of the nodes.
+        """
         return np.zeros((len(gap), 1))
 
     def evaluate(self, values: InterfaceValues) -> InterfaceResponse:
-        """Return forces, derivatives and new history at some nodes."""
+        """Return forces, derivatives and new history at some nodes.
+
+        Args:
+            values: gaps, slips, forces, history and weights of the nodes.
+        """
         (m, dim), d_0, d_f = values.force.shape, self.elastic_limit, self.final_opening
         trial_pressure = values.force[:, 0] - values.stiffness * values.gap
         is_pressed = trial_pressure > 0

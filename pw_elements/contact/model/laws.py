@@ -131,7 +131,11 @@ class InterfaceLaw(Protocol):
         """
 
     def evaluate(self, values: InterfaceValues) -> InterfaceResponse:
-        """Return forces, derivatives and new history at some nodes, which may be none."""
+        """Return forces, derivatives and new history at some nodes, which may be none.
+
+        Args:
+            values: gaps, slips, forces, history and weights of the nodes.
+        """
 
 
 @runtime_checkable
