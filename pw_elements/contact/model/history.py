@@ -74,7 +74,8 @@ def _check_new_value(name: str, function: fem.Function, new_value: object) -> No
             f"{function.ufl_shape}"
         )
     layout = function.function_space.dofmap.dof_layout
-    if layout.num_entity_dofs(function.function_space.mesh.topology.dim) != layout.num_dofs:
+    dim = function.function_space.mesh.topology.dim
+    if len(layout.entity_dofs(dim, 0)) != layout.num_dofs:
         raise ValueError(
             f"{name} has values that cells share, where expressions of strains jump: create its "
             "space by history_space(spaces)"
