@@ -456,7 +456,7 @@ FURTHER_FINDINGS = r"""
    {{ fixed(measure("smallest", section="E", cases="map-pw-(T6|Q9|T10|H27)-.*", name="hybrid_compact_0.5"), 2) }} of the
    standard hybrid element's. On needles and on curved columns it fails like the others.
 3. **Frictionless contact is unique where the element is far from singular.** On straight T6 all minors are positive; the
-   sum of reactions that bounds them ([Solvability](../solvability)) is at most
+   sum of reactions that bounds them (page "Solvability" of the guide) is at most
    {{ fixed(s("E/contact-pw-T6-straight", "reaction"), 2) }}, and 4 would be needed. No element has a negative minor up to
    $\nu = 0.49$; beyond the limits of `Body` many meshes have some. Each gives a problem with two solutions: the results
    `two-solutions-*` hold nodes of cells, loads, gaps and forces (curved T6 at $\nu = 0.499$, T10 and H27 at 0.4999), and
