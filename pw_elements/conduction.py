@@ -38,7 +38,7 @@ from pw_elements.elasticity import Body
 from pw_elements.spaces import Spaces, gather_nodal_values
 
 # Function that returns conductances (k,) for pressures (k,) and gaps (k,) of nodes
-Conductance: TypeAlias = Callable[[Array, Array], Array | float]
+Conductance: TypeAlias = Callable[[Array, Array], Array]
 
 
 @check_same_arguments_on_all_processes

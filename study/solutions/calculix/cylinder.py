@@ -13,7 +13,7 @@ import numpy as np
 from study.meshes.mesh_lines import geometrically_growing_lines
 from study.solutions.calculix.decks import (
     join_lines_to_text,
-    join_with_commas,
+    list_block_and_round_tool_lines,
     round_to_12_significant_digits,
 )
 from study.solutions.calculix.grids import Grid
@@ -99,45 +99,16 @@ class CylinderOnRubberBlock:
         low, high = np.flatnonzero(np.isclose(np.abs(x_lines), FINE_HALF_WIDTH))
         sides = self.grid.find_marked_faces(lambda p: p[1] == top and low <= p[0] <= high)
         base = self.grid.find_nodes(lambda p: p[1] == 0)
-        first_tool_node, end = (
-            len(self.grid.nodes_without_bulge) + 1,
-            len(self.tool_translations_at_output_times) / 5,
-        )
+        end = len(self.tool_translations_at_output_times) / 5
         first_brick = len(self.grid.elements) + 1
-        angles = np.linspace(-TOOL_HALF_ANGLE, TOOL_HALF_ANGLE, N_TOOL_FACES + 1)
-        tool = [
-            (r * np.sin(angle), 1 - r * np.cos(angle), z)
-            for angle in angles
-            for r, z in (
-                (1.0, -1.0),
-                (1.0, 1.0),
-                (TOOL_INNER_RADIUS, -1.0),
-                (TOOL_INNER_RADIUS, 1.0),
-            )
-        ]
-        brick = np.array([0, 1, 5, 4, 2, 3, 7, 6]) + first_tool_node
+        angles: Array = np.linspace(
+            -TOOL_HALF_ANGLE, TOOL_HALF_ANGLE, N_TOOL_FACES + 1, dtype=float
+        )
         friction_law = f"*FRICTION\n{self.friction},{self.stick_slope}"
         return join_lines_to_text(
             [
-                "*NODE,NSET=ALL",
-                *(
-                    join_with_commas([k, *map(round_to_12_significant_digits, (*p, 0.0))])
-                    for k, p in enumerate(self.nodes, start=1)
-                ),
-                "*NODE,NSET=TOOL",
-                *(
-                    join_with_commas([k, *map(round_to_12_significant_digits, p)])
-                    for k, p in enumerate(tool, start=first_tool_node)
-                ),
-                "*ELEMENT,TYPE=CPE6,ELSET=BODY",
-                *(
-                    join_with_commas([k, *cell])
-                    for k, cell in enumerate(self.grid.elements, start=1)
-                ),
-                "*ELEMENT,TYPE=C3D8,ELSET=BRICKS",
-                *(
-                    join_with_commas([first_brick + k, *(brick + 4 * k)])
-                    for k in range(N_TOOL_FACES)
+                *list_block_and_round_tool_lines(
+                    self.nodes, self.grid.elements, angles, TOOL_INNER_RADIUS
                 ),
                 "*MATERIAL,NAME=RUBBER\n*HYPERELASTIC,NEO HOOKE",
                 f".5,{round_to_12_significant_digits(2 / BULK_MODULUS)}",

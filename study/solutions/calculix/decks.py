@@ -5,7 +5,7 @@ This module does not need DOLFINx.
 Keywords: G. Dhondt, "CalculiX CrunchiX User's Manual", version 2.20.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -429,6 +429,49 @@ def join_with_commas(numbers: Iterable[float]) -> str:
 def join_lines_to_text(lines: list[str]) -> str:
     """Join lines to the text of a file, with a newline at the end."""
     return "\n".join(lines) + "\n"
+
+
+def list_block_and_round_tool_lines(
+    block_nodes: Sequence[tuple[float, float]],
+    block_cells: Sequence[Sequence[int]],
+    angles: Array,
+    inner_radius: float,
+) -> list[str]:
+    """Return the lines of a plane block and of a tool that is part of a ring of radius 1 above it.
+
+    The block consists of CPE6 elements in the set BODY. The tool consists of bricks in the set
+    BRICKS, whose first sides approximate a circle around (0, 1); its nodes are in the set TOOL.
+    Nodes and elements of the tool are numbered after those of the block.
+
+    Args:
+        block_nodes: Coordinates of the block's nodes.
+        block_cells: Node numbers of the block's elements, starting from 1.
+        angles: Angles (n + 1,) of the ends of the n bricks, from the downward direction.
+        inner_radius: Inner radius of the ring.
+    """
+    first_tool_node, first_brick = len(block_nodes) + 1, len(block_cells) + 1
+    tool = [
+        (r * np.sin(angle), 1 - r * np.cos(angle), z)
+        for angle in angles
+        for r, z in ((1.0, -1.0), (1.0, 1.0), (inner_radius, -1.0), (inner_radius, 1.0))
+    ]
+    brick = np.array([0, 1, 5, 4, 2, 3, 7, 6]) + first_tool_node
+    return [
+        "*NODE,NSET=ALL",
+        *(
+            join_with_commas([k, *map(round_to_12_significant_digits, (*p, 0.0))])
+            for k, p in enumerate(block_nodes, start=1)
+        ),
+        "*NODE,NSET=TOOL",
+        *(
+            join_with_commas([k, *map(round_to_12_significant_digits, p)])
+            for k, p in enumerate(tool, start=first_tool_node)
+        ),
+        "*ELEMENT,TYPE=CPE6,ELSET=BODY",
+        *(join_with_commas([k, *cell]) for k, cell in enumerate(block_cells, start=1)),
+        "*ELEMENT,TYPE=C3D8,ELSET=BRICKS",
+        *(join_with_commas([first_brick + k, *(brick + 4 * k)]) for k in range(len(angles) - 1)),
+    ]
 
 
 def round_to_12_significant_digits(number: float) -> float:
