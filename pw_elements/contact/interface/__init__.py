@@ -3,7 +3,6 @@
 from pw_elements.contact.interface.build import (
     build_interface,
     build_interface_with_other_friction,
-    have_shared_nodes,
 )
 from pw_elements.contact.interface.law_points import (
     describe_weight_functions,

@@ -56,7 +56,6 @@ from pw_elements.progress import log_on_root
 from pw_elements.spaces import (
     AssemblyRecord,
     is_hybrid,
-    locate_nodes,
 )
 
 # Largest difference between the gaps of a node to two surfaces with the same normal that counts as
@@ -187,18 +186,6 @@ def build_interface_with_other_friction(
         return None
     check_pairs_are_equal_on_all_processes(changed, pairs, changed.surfaces)
     return changed
-
-
-def have_shared_nodes(pairs: Sequence[ContactPair], space: fem.FunctionSpace) -> bool:
-    """Return whether a node belongs to several pairs; collective.
-
-    Args:
-        pairs: contact pairs.
-        space: space of all unknowns.
-    """
-    nodes = [locate_nodes(space, f"contact pair {k}", pair.nodes) for k, pair in enumerate(pairs)]
-    _, count = np.unique(np.concatenate(nodes), return_counts=True)
-    return bool(space.mesh.comm.allreduce(int(count.max(initial=0)), MPI.MAX) > 1)
 
 
 def _evaluate_friction_of_each_pair(

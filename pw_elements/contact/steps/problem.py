@@ -20,7 +20,7 @@ from dolfinx import fem
 from pw_elements.algebra import PetrovGalerkinProblem, Reduction, check_load
 from pw_elements.arrays import Array, Indices
 from pw_elements.checks import arguments, check_mesh, check_same_arguments_on_all_processes
-from pw_elements.contact.interface import find_reduced_column_of_each_unknown, have_shared_nodes
+from pw_elements.contact.interface import find_reduced_column_of_each_unknown
 from pw_elements.contact.iteration import make_undeformed_state
 from pw_elements.contact.model import (
     ContactPair,
@@ -341,12 +341,7 @@ class ContactProblem:
         )
 
     def _choose_solver(self) -> LinearSolver:
-        requested = self._requested_solver
-        solver = choose_solver(requested, self._supports, contact_stiffness=self._K)
-        is_automatic = requested is None or isinstance(requested, str)
-        if not (is_automatic and has_separate_supports(solver)):
-            return solver
-        return Direct() if have_shared_nodes(self.pairs, self._space) else solver
+        return choose_solver(self._requested_solver, self._supports, contact_stiffness=self._K)
 
     def _make_small_strain_stepping(self, solver: LinearSolver) -> SmallStrainStepping:
         return SmallStrainStepping(

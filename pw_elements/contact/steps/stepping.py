@@ -99,7 +99,6 @@ from pw_elements.contact.system import (
     ContactSystem,
     LinearSolveAccuracy,
     SolveCountAndReport,
-    check_solver_supports_shared_nodes,
     measure_cost,
 )
 from pw_elements.progress import log_on_root, report_activity
@@ -183,7 +182,6 @@ class SmallStrainStepping:
         self._remedies = {k: m for k, m in remedies.items() if k == "cutback" or allows_springs}
         self._n_first_attempt_solves = 0  # linear systems in the increment's first attempt
         self.interface = build_interface(pairs, space, self._reduction, read_record(K))
-        check_solver_supports_shared_nodes(self.interface, solver)
         self.interface.laws = make_interface_laws(
             pairs, self.interface, **describe_weight_functions(K, pairs, space)
         )

@@ -11,6 +11,5 @@ from pw_elements.contact.system.system import (
     NO_COST,
     ContactSystem,
     SolveCountAndReport,
-    check_solver_supports_shared_nodes,
     measure_cost,
 )

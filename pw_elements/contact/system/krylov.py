@@ -18,7 +18,7 @@ from petsc4py import PETSc
 
 import numpy as np
 
-from pw_elements.arrays import Array
+from pw_elements.arrays import Array, Mask
 from pw_elements.contact.nodes import MAX_CONTACT_VIOLATION_PER_NODAL_FORCE, LinearisedContactLaw
 from pw_elements.contact.system.preconditioners import (
     AnchorNodes,
@@ -105,7 +105,7 @@ class KrylovTangent:
         matrix_free_solver: SeparateSupportsSolver,
         supported_stiffness: PETSc.Mat,
     ) -> None:
-        self._supported_stiffness = supported_stiffness
+        self._supported_stiffness, self._supports = supported_stiffness, supports
         self._points = points
         self._comm: MPI.Comm = K.comm.tompi4py()
         self.solver: PreparedSolver = matrix_free_solver.prepare(K, supports=supports)
@@ -136,7 +136,10 @@ class KrylovTangent:
                 )
                 displacement_pc = block_preconditioner.displacement_pc
             self._spring_preconditioner = SpringPreconditioner(
-                displacement_pc, displacement_points, krylov.displacement_block[0]
+                displacement_pc,
+                displacement_points,
+                krylov.displacement_block[0],
+                self._matrix_free_operator.elimination,
             )
             spring_pc = PETSc.PC().createPython(self._spring_preconditioner, comm=K.comm)
             spring_pc.setOperators(self._multigrid.operator)
@@ -145,12 +148,12 @@ class KrylovTangent:
             else:
                 inner = spring_pc
         if points.n_translations:
-            balance_rows = [
+            self._balance_rows = [
                 self._make_force_balance_row(stiffness, supports, j)
                 for j in range(points.n_translations)
             ]
             self._bordered_preconditioner = BorderedPreconditioner(
-                inner, balance_rows, self._comm, K.createVecRight()
+                inner, points.n_translations, self._comm, K.createVecRight()
             )
         outer = self._bordered_preconditioner or (
             None if block_preconditioner else self._spring_preconditioner
@@ -226,6 +229,8 @@ class KrylovTangent:
             sign = (-1) ** int(np.sum((values.imag == 0) & (values.real < 0)))
             if sign > 0:
                 break
+        if (elimination := self._matrix_free_operator.elimination) is not None:
+            sign *= elimination.row_sign
         return 1, sign
 
     def is_constant_pressure_held_by_contact_only(self) -> bool:
@@ -248,11 +253,16 @@ class KrylovTangent:
         self._tolerance = (
             self._tolerance * _TOLERANCE_TIGHTENING_FACTOR if tighten else final_tolerance
         )
-        law, forcing_term = self._scale_law_and_rhs_and_choose_forcing_term(law, rhs)
-        self._matrix_free_operator.set_law(law)
+        points, operator = self._points, self._matrix_free_operator
+        law_right = np.where(points.equations >= 0, rhs[points.law_equations], 0.0)
+        law, forcing_term = self._scale_law_and_rhs_and_choose_forcing_term(law, law_right)
+        force_coefficients = operator.set_law(law)
+        rhs, balance_rhs = self._eliminate_additional_forces(rhs, balance_rhs, law_right)
         combined_rhs, x = self._operator.createVecLeft(), self._solution
         combined_rhs.setArray(np.append(rhs, balance_rhs[: combined_rhs.getLocalSize() - len(rhs)]))
-        fixed_projectors = self._prepare_preconditioner_and_fixed_projectors(law)
+        fixed_projectors = self._prepare_preconditioner_and_fixed_projectors(
+            law, force_coefficients
+        )
         if self._spring_preconditioner is None:
             self._move_nodes_to_positions_fixed_by_law(combined_rhs, x, fixed_projectors)
         # the initial iterate may be needed again only if the levels may be old
@@ -269,7 +279,7 @@ class KrylovTangent:
         if outcome is None:  # the old levels are too inaccurate
             self._wasted_operations = np.inf
             self.update_stiffness()
-            self._prepare_preconditioner_and_fixed_projectors(law)
+            self._prepare_preconditioner_and_fixed_projectors(law, force_coefficients)
             initial.copy(x)
             residual = self._update_residual_and_return_norm(combined_rhs, remaining_rhs)
             outcome = self._iterate_until_target_or_stall(
@@ -282,12 +292,37 @@ class KrylovTangent:
         )
         self._free_krylov_vectors()
         collect_garbage(combined_rhs)
-        return LocalTangentSolution(
-            np.array(x.array_r), is_exact=is_stalled, is_final=self._is_final
-        )
+        is_unknown = points.shared_nodes.is_additional[:, None] & (points.equations >= 0)
+        n, additional_forces = self._n_unknowns, operator.force[is_unknown]
+        unknowns = np.concatenate([x.array_r[:n], additional_forces, x.array_r[n:]])
+        return LocalTangentSolution(unknowns, is_exact=is_stalled, is_final=self._is_final)
+
+    def _eliminate_additional_forces(
+        self, rhs: Array, balance_rhs: Array, law_right: Array
+    ) -> tuple[Array, Array]:
+        """Return the right-hand sides of the system without the additional forces; collective.
+
+        Args:
+            rhs: right-hand side of this process' equations and of its additional forces.
+            balance_rhs: right-hand side (free,) of the force balances of free motions.
+            law_right: right-hand side (m, dim) of the laws of all points, which are scaled.
+        """
+        points, operator, rows = self._points, self._matrix_free_operator, self._points.rows
+        rhs = rhs[: self._n_unknowns].copy()
+        law_right = operator.reduce_right_hand_side(law_right)
+        if operator.elimination is not None:
+            force = operator.force_of_right_hand_side
+            rhs -= self._distribute_to_opposite_nodes(force)
+            totals = np.zeros(points.n_translations)
+            is_moved = points.free_translation >= 0
+            np.add.at(totals, points.free_translation[is_moved], force[is_moved])
+            self._comm.Allreduce(MPI.IN_PLACE, totals, MPI.SUM)
+            balance_rhs = balance_rhs - totals
+        rhs[rows[rows >= 0]] = law_right[rows >= 0]
+        return rhs, balance_rhs
 
     def _scale_law_and_rhs_and_choose_forcing_term(
-        self, law: LinearisedContactLaw, rhs: Array
+        self, law: LinearisedContactLaw, law_right: Array
     ) -> tuple[LinearisedContactLaw, float]:
         """Scale the rows of a law from lengths to forces, and choose the forcing term.
 
@@ -296,7 +331,7 @@ class KrylovTangent:
 
         Args:
             law: linearised law.
-            rhs: right-hand side (n,) of this process, which is scaled in place.
+            law_right: right-hand side (m, dim) of the laws, which is scaled in place.
 
         Returns:
             The scaled law, and the forcing term: the residual of an intermediate solution divided
@@ -310,15 +345,21 @@ class KrylovTangent:
         if self._spring_preconditioner is None:
             return law, forcing_term
         factors = self._spring_preconditioner.compute_length_to_force_factors(law)
-        has_equation = self._points.equations >= 0
-        rhs[self._points.equations[has_equation]] *= factors[has_equation]
+        law_right *= factors
         E, C, D = (factors[:, :, None] * matrix for matrix in (law.E, law.C, law.D))
         smallest_factor = self._comm.allreduce(factors.min(initial=1.0), MPI.MIN)
         forcing_term *= min(1.0, _INVERSE_LENGTH_TO_FORCE_FACTOR_OF_EQUAL_BODIES * smallest_factor)
         return replace(law, E=E, C=C, D=D, c=factors * law.c), forcing_term
 
-    def _prepare_preconditioner_and_fixed_projectors(self, law: LinearisedContactLaw) -> Array:
+    def _prepare_preconditioner_and_fixed_projectors(
+        self, law: LinearisedContactLaw, force_coefficients: Array
+    ) -> Array:
         """Set up the preconditioner for a linearised law.
+
+        Args:
+            law: linearised law.
+            force_coefficients: coefficients (m, dim, dim) of the forces in the equations at each
+                point's `rows`.
 
         Returns:
             Projectors (m, dim, dim) onto the directions whose motion the law fixes.
@@ -328,7 +369,9 @@ class KrylovTangent:
                 constant.
         """
         operations_before = self._count_floating_point_operations()
-        fixed_projectors = self._constrain_multigrid_and_return_fixed_projectors(law)
+        fixed_projectors = self._constrain_multigrid_and_return_fixed_projectors(
+            law, force_coefficients
+        )
         if self._block_preconditioner and self._block_preconditioner.has_free_constant_pressure(
             self._operator
         ):
@@ -341,7 +384,7 @@ class KrylovTangent:
                 for j in range(self._points.n_translations)
             ]
             self._bordered_preconditioner.update_schur_complement(
-                border_columns, self._matrix_free_operator.springs
+                border_columns, *self._make_balance_rows_and_border_block(law)
             )
         if self._operations_per_digit is None:
             self._setup_operations = self._count_floating_point_operations() - operations_before
@@ -504,13 +547,26 @@ class KrylovTangent:
         force = float(np.abs(self._matrix_free_operator.force).max(initial=0.0))
         return float(self._comm.allreduce(force, MPI.MAX))
 
-    def _constrain_multigrid_and_return_fixed_projectors(self, law: LinearisedContactLaw) -> Array:
+    def _constrain_multigrid_and_return_fixed_projectors(
+        self, law: LinearisedContactLaw, force_coefficients: Array
+    ) -> Array:
         """Make the multigrid preconditioner hold the directions that the active set fixes.
+
+        Args:
+            law: linearised law.
+            force_coefficients: coefficients (m, dim, dim) of the forces in the equations at each
+                point's `rows`.
 
         Returns:
             Projectors (m, dim, dim) onto the directions whose motion the law fixes.
         """
-        left_vectors, singular_values, _ = np.linalg.svd(law.E)
+        # springs act at all points; supports hold nodes, whose equations are at the first points
+        coefficients, points = law.E, self._points
+        selected: Mask = np.ones(len(points.node), dtype=bool)
+        if self._spring_preconditioner is None:
+            coefficients, selected = force_coefficients, ~points.shared_nodes.is_additional
+        left_vectors, singular_values, _ = np.linalg.svd(coefficients)
+        singular_values[~selected] = 1.0
         held_projectors, fixed_projectors = (
             np.einsum(
                 "nak,nk,nbk->nab",
@@ -523,7 +579,7 @@ class KrylovTangent:
                 _MAX_SINGULAR_VALUE_OF_FIXED_DIRECTION,
             )
         )
-        anchored_projectors, points = held_projectors, self._points
+        anchored_projectors = held_projectors
         if self._anchor_nodes is not None:
             anchored_projectors = self._anchor_nodes.extend_projectors_at_anchors(held_projectors)
         springs = (
@@ -534,7 +590,10 @@ class KrylovTangent:
             else None
         )
         self._multigrid.set_constrained_directions(
-            points.node, anchored_projectors, points.law_scale, springs
+            points.node[selected],
+            anchored_projectors[selected],
+            points.law_scale[selected],
+            springs,
         )
         return fixed_projectors
 
@@ -550,15 +609,15 @@ class KrylovTangent:
             iterate: initial iterate, which is changed in place.
             fixed_projectors: projectors (m, dim, dim) onto the directions that the law fixes.
         """
-        points, has_equation = self._points, self._points.equations >= 0
+        points, rows = self._points, self._points.rows
         violation = np.where(
-            has_equation,
-            combined_rhs.array_r[points.equations]
+            rows >= 0,
+            combined_rhs.array_r[rows]
             - self._matrix_free_operator.evaluate_motion_terms_of_law(iterate),
             0.0,
         )
         step = np.einsum("nab,nb->na", fixed_projectors, violation) / points.law_scale[:, None]
-        iterate.array[points.equations[has_equation]] += step[has_equation]
+        iterate.array[rows[rows >= 0]] += step[rows >= 0]
 
     def _make_force_balance_row(
         self, K: PETSc.Mat, supports: Supports, translation_number: int
@@ -570,12 +629,63 @@ class KrylovTangent:
             supports: supports of the body.
             translation_number: number of the free translation.
         """
-        points = self._points
+        is_moved = self._points.free_translation == translation_number
+        return self._multiply_force_rows(K, supports, is_moved.astype(float))
+
+    def _multiply_force_rows(self, K: PETSc.Mat, supports: Supports, weights: Array) -> Array:
+        """Return the part (n,) that this process owns of a row that sums weighted nodal forces.
+
+        The nodal forces are those of the product of K (n, n) with displacements under `supports`,
+        and are weighted with `weights` (m, dim).
+        """
+        points, rows = self._points, self._points.rows
         point_factors, row = K.createVecs()
-        is_moved = (points.free_translation == translation_number) & (points.equations >= 0)
-        point_factors.array[points.equations[is_moved]] = points.force_factor[is_moved]
+        point_factors.array[rows[rows >= 0]] = (points.force_factor * weights)[rows >= 0]
         K.multTranspose(point_factors, row)
         return np.asarray(row.array_r * supports.free)
+
+    def _make_balance_rows_and_border_block(
+        self, law: LinearisedContactLaw
+    ) -> tuple[list[Array], Array]:
+        """Return the force-balance rows of the free translations and their block; collective.
+
+        The rows are the parts (n,) that this process owns. The forces of nodes with several points
+        depend on the law.
+        """
+        points, elimination = self._points, self._matrix_free_operator.elimination
+        springs = np.diag(self._matrix_free_operator.springs)
+        if elimination is None:
+            return self._balance_rows, springs
+        rows, block = [], np.zeros_like(springs)
+        for j, balance_row in enumerate(self._balance_rows):
+            weights = (points.free_translation == j).astype(float)
+            law_weights = -elimination.transpose_force_changes(weights)
+            force_weights = np.einsum("nab,na->nb", law.E, law_weights)
+            row = balance_row + self._multiply_force_rows(
+                self._matrix_free_operator.stiffness, self._supports, force_weights
+            )
+            motion_weights, by_motion = points.motion.createVecs()[::-1]
+            motion_weights.setArray(np.einsum("nab,na->nb", law.C, law_weights))
+            points.motion.multTranspose(motion_weights, by_motion)
+            rows.append(row + by_motion.array_r * self._supports.free)
+            by_translation = -np.einsum("nab,na->nb", law.D, law_weights)
+            is_moved = points.free_translation >= 0
+            np.add.at(block[j], points.free_translation[is_moved], by_translation[is_moved])
+        self._comm.Allreduce(MPI.IN_PLACE, block, MPI.SUM)
+        return rows, springs + block
+
+    def _distribute_to_opposite_nodes(self, force: Array) -> Array:
+        """Return the part (n,) that this process owns of the forces on opposite nodes; collective.
+
+        The contact forces `force` (m, dim) act on the points; the result has the opposite sign.
+        """
+        opposite_force = self._points.opposite_force
+        if opposite_force is None:
+            return np.zeros(self._n_unknowns)
+        forces, opposite = opposite_force.createVecs()[::-1]
+        forces.setArray(force)
+        opposite_force.multTranspose(forces, opposite)
+        return np.array(opposite.array_r)
 
     def _make_free_translation_column(self, translation_number: int, D: Array) -> Array:
         """Return the part (n,) that this process owns of the matrix column of one translation.
@@ -584,11 +694,14 @@ class KrylovTangent:
             translation_number: number of the free translation.
             D: coefficients (m, dim, k) of the surface motions in the law.
         """
-        points = self._points
+        points, rows = self._points, self._points.rows
         law_values = -np.einsum(
             "nab,nb->na", D, (points.free_translation == translation_number).astype(float)
         )
         column = np.zeros(self._n_unknowns)
-        has_equation = points.equations >= 0
-        column[points.equations[has_equation]] = law_values[has_equation]
+        if (elimination := self._matrix_free_operator.elimination) is not None:
+            force = -elimination.compute_force_changes(law_values)
+            column = self._distribute_to_opposite_nodes(force) * self._supports.free
+            law_values = elimination.reduce_law_values(law_values)
+        column[rows[rows >= 0]] = law_values[rows >= 0]
         return column

@@ -12,6 +12,7 @@ from dolfinx import fem
 
 from pw_elements.arrays import Array
 from pw_elements.contact.nodes import LinearisedContactLaw
+from pw_elements.contact.system.additional_forces import AdditionalForceElimination
 from pw_elements.contact.system.unassembled import (
     ContactPointOperators,
     masked_row_mean_or_one,
@@ -38,10 +39,17 @@ class SpringPreconditioner:
         inner: preconditioner of the displacements.
         points: contact points, whose unknowns are displacements alone.
         K: stiffness (n, n) of the displacements.
+        elimination: elimination of the additional forces of nodes with several points, or None.
     """
 
-    def __init__(self, inner: PETSc.PC, points: ContactPointOperators, K: PETSc.Mat) -> None:
-        self._inner, self._points = inner, points
+    def __init__(
+        self,
+        inner: PETSc.PC,
+        points: ContactPointOperators,
+        K: PETSc.Mat,
+        elimination: AdditionalForceElimination | None,
+    ) -> None:
+        self._inner, self._points, self._elimination = inner, points, elimination
         inverse_diagonal_force = points.force.copy()
         inverse_diagonal_force.diagonalScale(R=1 / K.getDiagonal())
         self._compliance = points.motion.matMult(inverse_diagonal_force.transpose())
@@ -102,8 +110,11 @@ class SpringPreconditioner:
         return points.force.transposeMatMult(point_springs)
 
     def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        points, has_equation = self._points, self._has_equation
-        self._law_values.array[:] = np.where(has_equation, x.array_r[points.equations], 0.0).ravel()
+        points, has_equation, rows = self._points, self._has_equation, self._points.rows
+        law_values = np.where(rows >= 0, x.array_r[rows], 0.0)
+        if self._elimination is not None:
+            law_values = self._elimination.lift_law_values(law_values)
+        self._law_values.array[:] = law_values.ravel()
         self._ksp.solve(self._law_values, self._force)
         self._compliance.mult(self._force, self._motion)
         motion = self._motion.array_r.reshape(has_equation.shape)
@@ -134,33 +145,39 @@ class BorderedPreconditioner:
 
     Args:
         inner: preconditioner of the system without border.
-        balance_rows: for each free translation, the part (n,) that this process owns of the matrix
-            row of its force balance.
+        n_translations: number of free translations.
         comm: communicator of the system.
         vector_like: any vector of the system without border, from which the layout is taken.
     """
 
     def __init__(
-        self, inner: PETSc.PC, balance_rows: list[Array], comm: MPI.Comm, vector_like: PETSc.Vec
+        self, inner: PETSc.PC, n_translations: int, comm: MPI.Comm, vector_like: PETSc.Vec
     ) -> None:
-        self._inner, self._balance_rows, self._comm = inner, balance_rows, comm
+        self._inner, self._comm = inner, comm
+        self._balance_rows: list[Array] = []
         self._inner_input, self._inner_output = vector_like.duplicate(), vector_like.duplicate()
         self._inner_columns: list[Array] = []
-        self._schur = np.eye(len(balance_rows))
+        self._schur = np.eye(n_translations)
 
-    def update_schur_complement(self, border_columns: list[Array], springs: Array) -> None:
+    def update_schur_complement(
+        self, border_columns: list[Array], balance_rows: list[Array], border_block: Array
+    ) -> None:
         """Compute the Schur complement of the free translations.
 
         Args:
             border_columns: for each free translation, the part (n,) that this process owns of its
                 matrix column.
-            springs: stiffness (translations,) of the spring of each free translation.
+            balance_rows: for each free translation, the part (n,) that this process owns of the
+                matrix row of its force balance.
+            border_block: coefficients (translations, translations) of the free translations in
+                their force balances.
         """
+        self._balance_rows = balance_rows
         self._inner_columns = [
             self._apply_inner_preconditioner(column) for column in border_columns
         ]
         self._schur = (
-            np.diag(springs)
+            border_block
             - np.array([self._multiply_balance_rows(column) for column in self._inner_columns]).T
         )
 
@@ -203,7 +220,8 @@ class AnchorNodes:
             len(components.centre),
         )
         x = space.tabulate_dof_coordinates()[nodes, : space.mesh.geometry.dim]
-        component = np.where(points.can_hold_body, self._component, -1)
+        is_candidate = points.can_hold_body & ~points.shared_nodes.is_additional
+        component = np.where(is_candidate, self._component, -1)
         all_x, all_components = (
             np.concatenate(self._comm.allgather(part)) for part in (x, component)
         )

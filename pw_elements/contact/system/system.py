@@ -132,15 +132,6 @@ class ContactTangent(Protocol):
         """Free the memory of the solver."""
 
 
-def check_solver_supports_shared_nodes(interface: ContactInterface, solver: LinearSolver) -> None:
-    """Raise ValueError for an iterative solver if nodes belong to several pairs."""
-    if interface.shared_nodes.exist and has_separate_supports(solver):
-        raise ValueError(
-            "Iterative() does not support nodes that belong to several contact pairs, whose forces "
-            "are unknowns of their own: use Direct(), or leave a facet between the pairs"
-        )
-
-
 class ContactSystem:
     """Linear equations of a body in contact, with the law of an active set at the contact points.
 
@@ -217,12 +208,15 @@ class ContactSystem:
                     "Iterative() does not support surfaces that are free to turn: use Direct()"
                 )
             assert reduction.supports is not None, "checks of arguments reject other reductions"
-            stiffness = K.getDiagonal().array_r[self._equations] * self._force_factor
+            node_equations = np.where(has_equation, interface.equation - first_row, -1)
+            stiffness = K.getDiagonal().array_r[node_equations] * self._force_factor
+            stiffness = stiffness[interface.shared_nodes.first_point]
             self.law_scale = masked_row_mean_or_one(stiffness / motion_diagonal, has_equation)
             points = ContactPointOperators.from_interface(
                 interface,
                 self._reduced_force,
                 self._opposite_force,
+                node_equations,
                 self._equations,
                 self._force_factor,
                 self.law_scale,

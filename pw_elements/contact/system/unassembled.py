@@ -20,9 +20,11 @@ from pw_elements.contact.interface import (
     FACED_INDEX_OF_DEFORMABLE_SURFACE,
     RELATIVE_COORDINATE_ROUND_OFF,
     ContactInterface,
+    SharedNodes,
 )
 from pw_elements.contact.model import FreeMotionIndices
 from pw_elements.contact.nodes import LinearisedContactLaw
+from pw_elements.contact.system.additional_forces import AdditionalForceElimination
 from pw_elements.spaces import SubSpace
 
 
@@ -40,6 +42,10 @@ class ContactPointOperators:
     # (m dim, n); None if it is zero
     opposite_force: PETSc.Mat | None
     equations: Indices  # local number (m, dim) of each component's own equation, -1 for none
+    # local number (m, dim) of each component's law in the right-hand side, -1 for none. It differs
+    # from `equations` at points that are not the first one of their node
+    law_equations: Indices
+    shared_nodes: SharedNodes  # the points grouped by node
     force_factor: Array  # nodal force (m, dim) divided by the value of its equation
     law_scale: Array  # stiffness (m,) that converts lengths into forces in the law
     # number (m, dim) of the free translation that moves the opposite surface along each axis, or -1
@@ -55,6 +61,7 @@ class ContactPointOperators:
         force: PETSc.Mat,
         opposite_force: PETSc.Mat | None,
         equations: Indices,
+        law_equations: Indices,
         force_factor: Array,
         law_scale: Array,
         free_motions: FreeMotionIndices,
@@ -83,6 +90,8 @@ class ContactPointOperators:
             force,
             opposite_force,
             equations,
+            law_equations,
+            interface.shared_nodes,
             force_factor,
             law_scale,
             free_translation,
@@ -109,11 +118,18 @@ class ContactPointOperators:
         """Return the nodal forces (m, dim) of the contact points.
 
         `equation_values` (n,) are the entries of stiffness times displacements in the equations of
-        this process.
+        this process. At a node with several points, the first point has the whole force.
         """
-        return np.where(
-            self.equations >= 0, equation_values[self.equations] * self.force_factor, 0.0
-        )
+        rows = self.rows
+        return np.where(rows >= 0, equation_values[rows] * self.force_factor, 0.0)
+
+    @property
+    def rows(self) -> Indices:
+        """Local number (m, dim) of the equation that each point's law replaces, -1 for none.
+
+        At a node with several points, the first point has the equations of the node.
+        """
+        return np.where(self.shared_nodes.is_additional[:, None], -1, self.equations)
 
 
 class MatrixFreeContactOperator:
@@ -128,51 +144,94 @@ class MatrixFreeContactOperator:
         points: contact points.
 
     Attributes:
+        stiffness: stiffness (n, n).
         force: nodal forces (m, dim) in the last product.
+        elimination: elimination of the additional forces of nodes with several points, or None.
+        force_of_right_hand_side: constant part (m, dim) of the points' forces, which follows from
+            the right-hand side of the law at nodes with several points.
         springs: stiffness (translations,) of the spring of each free translation.
     """
 
     def __init__(self, K: PETSc.Mat, free: Mask, points: ContactPointOperators) -> None:
-        self._K, self._points = K, points
+        self.stiffness, self._points = K, points
         self._prescribed: Indices = np.flatnonzero(~free)
-        self._has_equation = points.equations >= 0
+        self._rows = points.rows
+        self._has_row = self._rows >= 0
         self._comm: MPI.Comm = K.comm.tompi4py()
         self._free_displacement, self._product = K.createVecs()
         self._point_values = points.motion.createVecLeft()
         self._opposite_product = None if points.opposite_force is None else K.createVecLeft()
         self.force: Array = np.zeros(points.equations.shape)
         self.springs: Array = np.zeros(points.n_translations)
+        self.elimination: AdditionalForceElimination | None = None
+        if points.shared_nodes.exist:
+            self.elimination = AdditionalForceElimination(
+                points.shared_nodes, points.equations >= 0, points.law_scale, self._comm
+            )
+        self.force_of_right_hand_side: Array = np.zeros(points.equations.shape)
 
-    def set_law(self, law: LinearisedContactLaw) -> None:
+    def set_law(self, law: LinearisedContactLaw) -> Array:
+        """Set the linearised law, and return its force coefficients (m, dim, dim).
+
+        At nodes with several points, they are those of the equations that remain without the
+        additional forces.
+
+        Raises:
+            SingularSystem: if the law does not determine the additional forces.
+        """
         self._E, self._C, self._D = law.E, law.C, law.D
+        return law.E if self.elimination is None else self.elimination.set_law(law)
+
+    def reduce_right_hand_side(self, law_right: Array) -> Array:
+        """Return the right-hand side (m, dim) of the equations at each point's `rows`.
+
+        The forces that the right-hand side `law_right` (m, dim) of all points' laws causes are
+        stored in `force_of_right_hand_side`.
+        """
+        if self.elimination is None:
+            return law_right
+        self.force_of_right_hand_side = self.elimination.compute_force_changes(law_right)
+        return self.elimination.reduce_law_values(law_right)
 
     def evaluate_motion_terms_of_law(self, x: PETSc.Vec) -> Array:
-        """Return the terms (m, dim) of the linearised law that depend on motions, not on forces.
+        """Return the terms (m, dim) of the equations that depend on motions, not on forces.
 
-        The vector `x` contains the displacements and the free translations.
+        The equations are those at each point's `rows`. The vector `x` contains the displacements
+        and the free translations.
         """
+        law_values = self._evaluate_motion_terms_of_all_points(x)
+        if self.elimination is None:
+            return law_values
+        return self.elimination.reduce_law_values(law_values)
+
+    def _evaluate_motion_terms_of_all_points(self, x: PETSc.Vec) -> Array:
         points, displacement = self._points, self._free_displacement
-        displacement.array[:] = x.array_r[: self._K.getLocalSize()[1]]
+        displacement.array[:] = x.array_r[: self.stiffness.getLocalSize()[1]]
         displacement.array[self._prescribed] = 0.0
         points.motion.mult(displacement, self._point_values)
         motion = self._point_values.array_r.reshape(points.equations.shape)
         law_values: Array = np.einsum("nab,nb->na", self._C, motion)
         if points.n_translations:
-            n, last_rank = self._K.getLocalSize()[1], self._comm.size - 1
+            n, last_rank = self.stiffness.getLocalSize()[1], self._comm.size - 1
             U = np.append(self._comm.bcast(x.array_r[n:].copy(), last_rank), 0.0)
             law_values -= np.einsum("nab,nb->na", self._D, U[points.free_translation])
         return law_values
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        points, n = self._points, self._K.getLocalSize()[1]
-        values, law_values, product = x.array_r, self.evaluate_motion_terms_of_law(x), self._product
-        self._K.mult(self._free_displacement, product)
-        self.force = force = points.extract_nodal_forces(product.array_r)
+        points, n = self._points, self.stiffness.getLocalSize()[1]
+        values, product = x.array_r, self._product
+        law_values = self._evaluate_motion_terms_of_all_points(x)
+        self.stiffness.mult(self._free_displacement, product)
+        force = points.extract_nodal_forces(product.array_r)
+        law_values += np.einsum("nab,nb->na", self._E, force)
+        if self.elimination is not None:
+            force -= self.elimination.compute_force_changes(law_values)
+            law_values = self.elimination.reduce_law_values(law_values)
+        self.force = force + self.force_of_right_hand_side
         if points.opposite_force is not None:
             self._point_values.array[:] = force.ravel()
             points.opposite_force.multTranspose(self._point_values, self._opposite_product)
             product.axpy(1.0, self._opposite_product)
-        law_values += np.einsum("nab,nb->na", self._E, force)
         totals = np.zeros(points.n_translations)
         if points.n_translations:
             is_moved = points.free_translation >= 0
@@ -183,7 +242,7 @@ class MatrixFreeContactOperator:
         result[:n] = product.array_r
         result[n:] = totals[: len(values) - n]
         result[self._prescribed] = values[self._prescribed]
-        result[points.equations[self._has_equation]] = law_values[self._has_equation]
+        result[self._rows[self._has_row]] = law_values[self._has_row]
 
 
 def masked_row_mean_or_one(values: Array, mask: Mask) -> Array:
