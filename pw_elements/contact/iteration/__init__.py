@@ -31,6 +31,7 @@ from pw_elements.contact.iteration.updates import (
     LargeStrainActiveSetUpdate,
     UpdateKeepingCyclingSetsUntilSolved,
     choose_first_active_set,
+    close_nearest_nodes_of_free_surfaces,
     open_points_with_dependent_normals,
     raise_if_force_shares_are_not_unique,
     recover_active_set_of_state,

@@ -583,6 +583,37 @@ def _list_remedies_for_free_rigid_motions(
     return remedies
 
 
+def close_nearest_nodes_of_free_surfaces(
+    interface: ContactInterface, gap: Array, is_closed: Mask, is_free: Mask
+) -> Mask:
+    """Return the mask (m,) of closed points in which each free surface touches a node; collective.
+
+    The force balance of a surface that is free to move has no unknown unless a node of its pair is
+    closed. In pairs without a closed point, the nearest nodes are closed.
+
+    Args:
+        interface: contact points of all pairs.
+        gap: (m,), gaps.
+        is_closed: (m,), mask of the closed points.
+        is_free: (pairs,), mask of the surfaces that are free to move.
+    """
+    n_closed = np.bincount(interface.pair[is_closed], minlength=interface.pairs)
+    interface.comm.Allreduce(MPI.IN_PLACE, n_closed, MPI.SUM)
+    is_alone = is_free & (n_closed == 0)
+    return is_closed | (is_alone[interface.pair] & _find_nearest_nodes(interface, gap))
+
+
+def _find_nearest_nodes(interface: ContactInterface, gap: Array) -> Mask:
+    """Return a mask (m,) of the nodes with the smallest gap in each pair; collective."""
+    tolerance = _MAX_TOUCHING_GAP_PER_EXTENT * interface.max_extent_of_points
+    is_nearest = np.zeros(len(gap), dtype=bool)
+    for k in range(interface.pairs):
+        in_pair = interface.pair == k
+        min_gap = interface.comm.allreduce(gap[in_pair].min(initial=np.inf), MPI.MIN)
+        is_nearest |= in_pair & np.isfinite(gap) & (gap <= min_gap + tolerance)
+    return is_nearest
+
+
 def _close_touching_and_nearest_nodes(
     interface: ContactInterface, kinematics: LinearisedKinematics
 ) -> ActiveSet:
@@ -590,12 +621,8 @@ def _close_touching_and_nearest_nodes(
 
     In each pair, at least the node nearest to the surface is closed.
     """
-    gap, tolerance = kinematics.gap, _MAX_TOUCHING_GAP_PER_EXTENT * interface.max_extent_of_points
-    closed = gap <= tolerance
-    for k in range(interface.pairs):
-        in_pair = interface.pair == k
-        min_gap = interface.comm.allreduce(gap[in_pair].min(initial=np.inf), MPI.MIN)
-        closed |= in_pair & np.isfinite(gap) & (gap <= min_gap + tolerance)
+    closed = kinematics.gap <= _MAX_TOUCHING_GAP_PER_EXTENT * interface.max_extent_of_points
+    closed |= _find_nearest_nodes(interface, kinematics.gap)
     return make_sticking_active_set(closed, interface.cone, kinematics.frame.shape[1] - 1)
 
 

@@ -48,6 +48,7 @@ from pw_elements.contact.iteration import (
     TargetLoadsAndMotions,
     UpdateKeepingCyclingSetsUntilSolved,
     check_interface_laws_at_solution,
+    close_nearest_nodes_of_free_surfaces,
     interpolate_targets,
     make_contact_state,
     open_points_with_dependent_normals,
@@ -402,6 +403,9 @@ class LargeStrainStepping:
             )
             linearised = kinematics.linearise(q, displacement, start.force)
             is_closed |= linearised.gap < 0
+            is_closed = close_nearest_nodes_of_free_surfaces(
+                interface, linearised.gap, is_closed, np.asarray(np.isnan(target.q).any(axis=1))
+            )
         else:
             max_iterations = min(max_iterations, _MAX_ITERATIONS_WITHOUT_CONTACT)
             no_force = np.zeros_like(start.force)

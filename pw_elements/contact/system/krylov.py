@@ -149,7 +149,7 @@ class KrylovTangent:
                 inner = spring_pc
         if points.n_translations:
             self._balance_rows = [
-                self._make_force_balance_row(stiffness, supports, j)
+                points.sum_force_rows(stiffness, points.free_translation == j) * supports.free
                 for j in range(points.n_translations)
             ]
             self._bordered_preconditioner = BorderedPreconditioner(
@@ -312,7 +312,7 @@ class KrylovTangent:
         law_right = operator.reduce_right_hand_side(law_right)
         if operator.elimination is not None:
             force = operator.force_of_right_hand_side
-            rhs -= self._distribute_to_opposite_nodes(force)
+            rhs -= points.distribute_to_opposite_nodes(force)
             totals = np.zeros(points.n_translations)
             is_moved = points.free_translation >= 0
             np.add.at(totals, points.free_translation[is_moved], force[is_moved])
@@ -619,31 +619,6 @@ class KrylovTangent:
         step = np.einsum("nab,nb->na", fixed_projectors, violation) / points.law_scale[:, None]
         iterate.array[rows[rows >= 0]] += step[rows >= 0]
 
-    def _make_force_balance_row(
-        self, K: PETSc.Mat, supports: Supports, translation_number: int
-    ) -> Array:
-        """Return the part (n,) that this process owns of one translation's force-balance row.
-
-        Args:
-            K: stiffness (n, n).
-            supports: supports of the body.
-            translation_number: number of the free translation.
-        """
-        is_moved = self._points.free_translation == translation_number
-        return self._multiply_force_rows(K, supports, is_moved.astype(float))
-
-    def _multiply_force_rows(self, K: PETSc.Mat, supports: Supports, weights: Array) -> Array:
-        """Return the part (n,) that this process owns of a row that sums weighted nodal forces.
-
-        The nodal forces are those of the product of K (n, n) with displacements under `supports`,
-        and are weighted with `weights` (m, dim).
-        """
-        points, rows = self._points, self._points.rows
-        point_factors, row = K.createVecs()
-        point_factors.array[rows[rows >= 0]] = (points.force_factor * weights)[rows >= 0]
-        K.multTranspose(point_factors, row)
-        return np.asarray(row.array_r * supports.free)
-
     def _make_balance_rows_and_border_block(
         self, law: LinearisedContactLaw
     ) -> tuple[list[Array], Array]:
@@ -661,31 +636,16 @@ class KrylovTangent:
             weights = (points.free_translation == j).astype(float)
             law_weights = -elimination.transpose_force_changes(weights)
             force_weights = np.einsum("nab,na->nb", law.E, law_weights)
-            row = balance_row + self._multiply_force_rows(
-                self._matrix_free_operator.stiffness, self._supports, force_weights
-            )
+            row = points.sum_force_rows(self._matrix_free_operator.stiffness, force_weights)
             motion_weights, by_motion = points.motion.createVecs()[::-1]
             motion_weights.setArray(np.einsum("nab,na->nb", law.C, law_weights))
             points.motion.multTranspose(motion_weights, by_motion)
-            rows.append(row + by_motion.array_r * self._supports.free)
+            rows.append(balance_row + (row + by_motion.array_r) * self._supports.free)
             by_translation = -np.einsum("nab,na->nb", law.D, law_weights)
             is_moved = points.free_translation >= 0
             np.add.at(block[j], points.free_translation[is_moved], by_translation[is_moved])
         self._comm.Allreduce(MPI.IN_PLACE, block, MPI.SUM)
         return rows, springs + block
-
-    def _distribute_to_opposite_nodes(self, force: Array) -> Array:
-        """Return the part (n,) that this process owns of the forces on opposite nodes; collective.
-
-        The contact forces `force` (m, dim) act on the points; the result has the opposite sign.
-        """
-        opposite_force = self._points.opposite_force
-        if opposite_force is None:
-            return np.zeros(self._n_unknowns)
-        forces, opposite = opposite_force.createVecs()[::-1]
-        forces.setArray(force)
-        opposite_force.multTranspose(forces, opposite)
-        return np.array(opposite.array_r)
 
     def _make_free_translation_column(self, translation_number: int, D: Array) -> Array:
         """Return the part (n,) that this process owns of the matrix column of one translation.
@@ -701,7 +661,7 @@ class KrylovTangent:
         column = np.zeros(self._n_unknowns)
         if (elimination := self._matrix_free_operator.elimination) is not None:
             force = -elimination.compute_force_changes(law_values)
-            column = self._distribute_to_opposite_nodes(force) * self._supports.free
+            column = points.distribute_to_opposite_nodes(force) * self._supports.free
             law_values = elimination.reduce_law_values(law_values)
         column[rows[rows >= 0]] = law_values[rows >= 0]
         return column

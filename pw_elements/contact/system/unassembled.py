@@ -123,6 +123,30 @@ class ContactPointOperators:
         rows = self.rows
         return np.where(rows >= 0, equation_values[rows] * self.force_factor, 0.0)
 
+    def sum_force_rows(self, K: PETSc.Mat, weights: Array) -> Array:
+        """Return the part (n,) that this process owns of the row of a weighted sum of nodal forces.
+
+        The nodal forces follow from the product of the stiffness K (n, n) with displacements, and
+        are weighted with `weights` (m, dim).
+        """
+        rows = self.rows
+        point_factors, row = K.createVecs()
+        point_factors.array[rows[rows >= 0]] = (self.force_factor * weights)[rows >= 0]
+        K.multTranspose(point_factors, row)
+        return np.array(row.array_r)
+
+    def distribute_to_opposite_nodes(self, force: Array) -> Array:
+        """Return the part (n,) that this process owns of the forces on opposite nodes; collective.
+
+        The contact forces `force` (m, dim) act on the points; the result has the opposite sign.
+        """
+        if self.opposite_force is None:
+            return np.zeros(self.motion.getLocalSize()[1])
+        opposite, forces = self.opposite_force.createVecs()
+        forces.setArray(force)
+        self.opposite_force.multTranspose(forces, opposite)
+        return np.array(opposite.array_r)
+
     @property
     def rows(self) -> Indices:
         """Local number (m, dim) of the equation that each point's law replaces, -1 for none.
