@@ -35,6 +35,7 @@ from pw_elements.contact.nodes import (
     combine_active_sets,
     describe_status_counts,
     eliminate_known_motions,
+    evaluate_laws_that_hold_free_surfaces,
 )
 from pw_elements.contact.system import (
     ContactSystem,
@@ -182,7 +183,8 @@ class IncrementEquations:
         """Return the active set with the interface laws linearised at the initial iterate.
 
         Nodes without a force that are closed in the active set get a small pressure, so that laws
-        of contact take them as closed, too.
+        of contact take them as closed, too. Surfaces that move freely under a force are moved
+        until a law resists.
 
         Args:
             active: active set.
@@ -196,18 +198,23 @@ class IncrementEquations:
         length = _INITIAL_PRESSURE_LENGTH_PER_EXTENT * self.interface.max_extent_of_points
         is_unloaded = (active.status != OPEN) & ~force.any(axis=1)
         pressure = np.where(is_unloaded, scale * length, 0.0)
-        nodes = kinematics.evaluate_contact_nodes(
-            v,
+        force = force + pressure[:, None] * kinematics.frame[:, 0]
+        direction = np.zeros_like(q)
+        for index, value in zip(self.system.free_motions, self.free_motion_forces, strict=True):
+            direction[index] = value if index[1] < self.start.force.shape[1] else 0.0
+        nodes = evaluate_laws_that_hold_free_surfaces(
+            self.interface,
+            lambda q: kinematics.evaluate_contact_nodes(
+                v, q, force, cone=self.interface.cone, law_scale=scale
+            ),
             q,
-            force + pressure[:, None] * kinematics.frame[:, 0],
-            cone=self.interface.cone,
-            law_scale=scale,
+            direction,
+            active,
+            self.start.history,
+            first_step=length,
         )
-        nodes = InterfaceLawNodes.from_nodes(nodes, self.interface.laws, self.start.history)
-        self.interface.laws.raise_kept_error()
-        law_set = nodes.active_set
-        active = combine_active_sets(nodes.at_law, law_set, active)
-        return replace(active, interface_law=law_set.interface_law)
+        active = combine_active_sets(nodes.at_law, nodes.active_set, active)
+        return replace(active, interface_law=nodes.active_set.interface_law)
 
     @cached_property
     def support_friction(self) -> FrictionAtSupportedNodes:

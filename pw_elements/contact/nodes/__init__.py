@@ -7,7 +7,11 @@ from pw_elements.contact.nodes.deformed import (
     RigidSurfaceMotion,
 )
 from pw_elements.contact.nodes.frames import make_frames
-from pw_elements.contact.nodes.law_nodes import InterfaceLawNodes, stiffness_ratio
+from pw_elements.contact.nodes.law_nodes import (
+    InterfaceLawNodes,
+    evaluate_laws_that_hold_free_surfaces,
+    stiffness_ratio,
+)
 from pw_elements.contact.nodes.nodes import (
     HELD,
     MAX_CONTACT_VIOLATION_PER_NODAL_FORCE,

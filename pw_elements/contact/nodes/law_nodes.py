@@ -3,13 +3,17 @@
 The module guarantees that the equations of all other nodes are those of `ContactNodes`.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+
+from mpi4py import MPI
 
 import numpy as np
 
 from pw_elements.arrays import Array, Mask
-from pw_elements.contact.model import InterfaceLawEvaluation, InterfaceResponse
+from pw_elements.contact.interface import ContactInterface
+from pw_elements.contact.model import InterfaceLawEvaluation, InterfaceResponse, SolutionNotFound
 from pw_elements.contact.nodes.nodes import (
     OPEN,
     STICK,
@@ -110,3 +114,60 @@ def stiffness_ratio(response: InterfaceResponse, law_scale: Array) -> Array:
     """
     stiffness = np.abs(response.by_motion).max(axis=(1, 2), initial=0.0)
     return np.asarray(np.maximum(1.0, stiffness / law_scale))
+
+
+def evaluate_laws_that_hold_free_surfaces(
+    interface: ContactInterface,
+    evaluate_contact_nodes: Callable[[Array], ContactNodes],
+    q: Array,
+    force: Array,
+    active: ActiveSet,
+    start_history: Array,
+    first_step: float,
+) -> InterfaceLawNodes:
+    """Return nodes at which the laws are linearised first, such that they hold free surfaces.
+
+    The force balance of a free surface has no unknown where its laws have no stiffness, for example
+    if wear has opened all nodes. Such surfaces are therefore moved along their forces, by steps
+    that double, until the law of a node resists. The call is collective.
+
+    Args:
+        interface: contact points of all pairs.
+        evaluate_contact_nodes: function that returns the contact nodes for the motions (pairs, k)
+            of the surfaces.
+        q: motions (pairs, k) of the surfaces at the initial iterate.
+        force: prescribed forces (pairs, k) of the free translations, zero for all other motions.
+        active: active set at nodes without a law.
+        start_history: (m, n_history), history at the start of the increment.
+        first_step: length of the first step.
+
+    Raises:
+        SolutionNotFound: if the force of a free surface presses it on no node.
+    """
+    laws = interface.laws
+    assert laws is not None, "the caller has tested it"
+    size = np.linalg.norm(force, axis=1, keepdims=True)
+    direction = np.divide(force, size, out=np.zeros_like(force), where=size > 0)
+    gap = evaluate_contact_nodes(q).gap
+    largest_gap = float(np.abs(gap[np.isfinite(gap)]).max(initial=0.0))
+    max_step = interface.max_extent_of_points + interface.comm.allreduce(largest_gap, MPI.MAX)
+    step = first_step
+    while True:
+        nodes = InterfaceLawNodes.from_nodes(evaluate_contact_nodes(q), laws, start_history)
+        laws.raise_kept_error()
+        resists = np.where(
+            nodes.at_law, nodes.response.by_motion.any(axis=(1, 2)), active.status != OPEN
+        )
+        n_resisting = np.bincount(interface.pair[resists], minlength=interface.pairs)
+        interface.comm.Allreduce(MPI.IN_PLACE, n_resisting, MPI.SUM)
+        is_loose = (n_resisting == 0) & (size[:, 0] > 0)
+        if not is_loose.any():
+            return nodes
+        if step > max_step:
+            raise SolutionNotFound(
+                f"the surface of contact pair {int(np.argmax(is_loose))} is free to move, and its "
+                "force presses it on no node: let the force point to the body, or prescribe the "
+                "motion"
+            )
+        q = q + np.where(is_loose[:, None], step * direction, 0.0)
+        step *= 2
