@@ -114,9 +114,12 @@ from pw_elements.elasticity import (
     is_axisymmetric_residual,
 )
 from pw_elements.progress import log_on_root, report_activity
-from pw_elements.solvers import LinearSolver, NotConverged, has_separate_supports
+from pw_elements.solvers import LinearSolver, NotConverged, SingularSystem, has_separate_supports
 from pw_elements.spaces import is_hybrid
 
+_FREE_SURFACE_REMEDY = (
+    "A surface that is free to move may have lost all its nodes: its force has to press it on them"
+)
 # Smallest substep, as a fraction of the first substep
 _MIN_SUBSTEP_PER_FIRST_SUBSTEP = 1 / 64
 # Largest rotation of a rigid surface in one substep. At twice this angle, a node that slides around
@@ -310,6 +313,8 @@ class LargeStrainStepping:
                 )
                 if friction_may_fail and (friction_message := describe_exhausted_friction(current)):
                     message += f". {friction_message}"
+                if end.free_motions and isinstance(error, SingularSystem):
+                    message += f". {_FREE_SURFACE_REMEDY}"
                 if interface.laws is not None and interface.laws.may_soften:
                     message += f". {SNAP_BACK_EXPLANATION}"
                 not_found = SolutionNotFound(message)
@@ -403,8 +408,9 @@ class LargeStrainStepping:
             )
             linearised = kinematics.linearise(q, displacement, start.force)
             is_closed |= linearised.gap < 0
+            is_free = np.asarray(np.isnan(target.q).any(axis=1))
             is_closed = close_nearest_nodes_of_free_surfaces(
-                interface, linearised.gap, is_closed, np.asarray(np.isnan(target.q).any(axis=1))
+                interface, linearised.gap, is_closed, is_free
             )
         else:
             max_iterations = min(max_iterations, _MAX_ITERATIONS_WITHOUT_CONTACT)
