@@ -226,6 +226,31 @@ def test_node_that_two_planes_hold_has_friction_of_the_start():
         )
 
 
+def test_state_reports_undetermined_friction(caplog):
+    """A node that two planes hold may have any friction; where it slips, friction is determined."""
+    block = CornerBlock(2)
+    problem = block.contact_problem(block.corner_pairs(0.3))
+    with caplog.at_level("INFO", logger="pw_elements"):
+        pressed = problem.step(problem.undeformed, block.press_into_corner((1.0, 2.0)))
+    assert "2 forces have a part of friction that is not determined" in caplog.text
+    at_origin = [np.isclose(pair.position, 0).all(axis=1) for pair in pressed.pairs]
+    np.testing.assert_array_equal(pressed.find_undetermined_friction(), at_origin)
+    # the other choice of forces is admissible as well: the same sum, and friction within its limit
+    (wall, _, wall_limit), (floor, _, floor_limit) = map(values_at_origin, pressed.pairs)
+    change = 0.1 * min(wall_limit, floor_limit) * np.array([0.0, 1.0])
+    other_wall, other_floor = wall + change, floor - change
+    assert abs(other_wall[1]) < 0.3 * other_wall[0]
+    assert abs(other_floor[0]) < 0.3 * other_floor[1]
+    # the wall pushes the block along the floor, on which the common node slips
+    pushed = problem.step(pressed, block.press_into_corner((1.0, 2.0)), [Motion((1e-3, 0.0)), None])
+    wall_mask, floor_mask = pushed.find_undetermined_friction()
+    assert np.count_nonzero(wall_mask) == 1
+    assert not floor_mask.any()
+    smooth = block.contact_problem(block.corner_pairs())
+    state = smooth.step(smooth.undeformed, block.press_into_corner((1.0, 2.0)))
+    assert not np.concatenate(state.find_undetermined_friction()).any()
+
+
 def test_sticking_planes_share_friction_along_their_edge_equally():
     block = CornerBlock(3, divisions=2)
     problem = block.contact_problem(block.corner_pairs(0.8)[:2])

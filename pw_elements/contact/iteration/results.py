@@ -4,6 +4,7 @@ The module guarantees that the pair states and scalars of a contact state are th
 processes. It assumes an iterate that was returned by `IncrementEquations.evaluate_all_conditions`.
 """
 
+import logging
 from dataclasses import replace
 
 from petsc4py import PETSc
@@ -29,6 +30,7 @@ from pw_elements.contact.model import (
 )
 from pw_elements.contact.nodes import HELD, OPEN, remove_normal_part
 from pw_elements.contact.system import ContactSystem
+from pw_elements.progress import log_on_root
 from pw_elements.solvers import SolverReport
 
 # Largest slip in a direction that a support holds, relative to the largest motion of a node, that
@@ -71,7 +73,7 @@ def make_contact_state(
     is_unique = len(all_signs) <= 1 if signs else None
     if increment.interface.cone.has_user_law:
         increment.interface.raise_law_errors_and_check_slopes()
-    return ContactState(
+    result = ContactState(
         displacement=increment.interface.field.extract(state.unknowns),
         pairs=_make_pair_states_of_iterate(increment, state),
         iterations=iterations,
@@ -84,6 +86,18 @@ def make_contact_state(
         smallness=smallness,
         unknowns=state.unknowns,
     )
+    if increment.interface.shared_nodes.exist:
+        n_undetermined = sum(int(mask.sum()) for mask in result.find_undetermined_friction())
+        if n_undetermined:
+            log_on_root(
+                increment.interface.comm,
+                logging.INFO,
+                f"at nodes in several pairs, {n_undetermined} forces have a part of friction that "
+                "is not determined: their sums and all displacements are. "
+                "ContactState.find_undetermined_friction shows the nodes",
+                ".contact",
+            )
+    return result
 
 
 def check_interface_laws_at_solution(increment: IncrementEquations, state: NewtonIterate) -> None:

@@ -8,11 +8,13 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from pw_elements.arrays import Array, Indices
+from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.solvers import SolverReport
 
 FreeMotionIndices: TypeAlias = tuple[tuple[int, int], ...]
 EMPTY_SOLVER_REPORT = SolverReport("nothing", 0)
+# Largest slip of a node that counts as sticking, relative to the largest displacement in contact
+_MAX_SLIP_OF_STICKING_NODE_PER_LENGTH = 1e-9
 
 
 @dataclass(frozen=True)
@@ -206,7 +208,8 @@ class ContactState:
             count. Friction is then so large that several states may be in equilibrium with the same
             loads, and smaller increments may lead to another state. In the second case, friction is
             exhausted, so that a body may slide without limit. None for solvers without
-            determinants, and for `ContactProblem.of_residual`.
+            determinants, and for `ContactProblem.of_residual`. It says nothing about the friction
+            at nodes in several pairs, see `find_undetermined_friction`.
         residuals: violations of all contact conditions.
         allowance: part of each residual that round-off and noise explain. It is added to the
             tolerance of 1e-9.
@@ -253,6 +256,27 @@ class ContactState:
     def __post_init__(self) -> None:
         if self.unknowns is None:
             object.__setattr__(self, "unknowns", self.displacement)
+
+    def find_undetermined_friction(self) -> tuple[Mask, ...]:
+        """Return for each pair a mask (m,) of the nodes whose friction the law does not determine.
+
+        If several surfaces press a node, equilibrium gives only the sum of their forces. A force
+        with friction that does not slip may then have many values. The state has one of them, which
+        docs/theory.md ("Nodes in several pairs") defines. Displacements, the sum of the forces at
+        each node, gaps and slips do not depend on the choice; the forces of single pairs do.
+        """
+        pressed = [pair.force_normal > 0 for pair in self.pairs]
+        nodes = np.concatenate([pair.node[p] for pair, p in zip(self.pairs, pressed, strict=True)])
+        number, count = np.unique(nodes, return_counts=True)
+        shared_nodes = number[count > 1]
+        max_slip = _MAX_SLIP_OF_STICKING_NODE_PER_LENGTH * self.scale.length
+        return tuple(
+            is_pressed
+            & np.isin(pair.node, shared_nodes)
+            & (pair.friction > 0)
+            & (np.linalg.norm(pair.slip, axis=1) <= max_slip)
+            for pair, is_pressed in zip(self.pairs, pressed, strict=True)
+        )
 
     @property
     def translations(self) -> Array:
