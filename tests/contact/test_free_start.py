@@ -120,3 +120,20 @@ def test_a_force_that_presses_no_node_is_refused():
     problem = Block().make_rubber_problem(away, None, is_clamped=True)
     with pytest.raises(SolutionNotFound, match=r"free to move may have lost all its nodes"):
         problem.step(problem.undeformed, motions=press(0.1))
+
+
+def test_pairs_without_a_law_open_beside_a_pair_with_a_law():
+    """Unilateral contact as the law of one pair changes nothing, also where the other one opens."""
+
+    def solve_states(law):
+        block = Block()
+        floor = ContactPair(on_plane(1, 0.0), Plane((0, 0), (0, 1)), interface_law=law)
+        pairs = [make_pair(Sphere((0.5, 1 + RADIUS), RADIUS), None), floor]
+        supports = block.make_supports((0, lambda x: np.isclose(x[:2], 0).all(axis=0)))
+        problem = block.contact_problem(pairs, supports)
+        return problem.step(problem.undeformed, motions=[Motion((0, -0.01)), None])
+
+    state, expected = (solve_states(law) for law in (UnilateralContact(0.0), None))
+    assert np.count_nonzero(expected.pairs[0].force_normal == 0) > 2
+    for pair, expected_pair in zip(state.pairs, expected.pairs, strict=True):
+        np.testing.assert_allclose(pair.force_normal, expected_pair.force_normal, atol=1e-12)

@@ -221,6 +221,7 @@ def test_node_that_two_planes_hold_has_friction_of_the_start():
     assert abs(force[1]) < 1e-9 * force[0]
     # the friction of the end of this increment remains if nothing moves any more
     kept = problem.step(pushed, block.press_into_corner((1.0, 2.0)), motions)
+    assert kept.iterations == 1
     for pair, pair_before in zip(kept.pairs, pushed.pairs, strict=True):
         np.testing.assert_allclose(
             values_at_origin(pair)[0], values_at_origin(pair_before)[0], atol=1e-9
