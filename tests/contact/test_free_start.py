@@ -134,6 +134,6 @@ def test_pairs_without_a_law_open_beside_a_pair_with_a_law():
         return problem.step(problem.undeformed, motions=[Motion((0, -0.01)), None])
 
     state, expected = (solve_states(law) for law in (UnilateralContact(0.0), None))
-    assert np.count_nonzero(expected.pairs[0].force_normal == 0) > 2
+    assert np.count_nonzero(expected.pairs[0].status == OPEN) > 2
     for pair, expected_pair in zip(state.pairs, expected.pairs, strict=True):
-        np.testing.assert_allclose(pair.force_normal, expected_pair.force_normal, atol=1e-12)
+        np.testing.assert_allclose(pair.force_normal, expected_pair.force_normal, atol=1e-9)
