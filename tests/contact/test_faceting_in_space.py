@@ -135,7 +135,7 @@ def _copy_matrices(mortar, x):
         linearised.distance_rows,
         linearised.master_fractions,
         np.zeros(mortar.n_slave_nodes),
-        mortar.sides.master_triangles,
+        mortar.sides.master_sub_facets,
     )
 
 

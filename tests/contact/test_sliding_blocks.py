@@ -34,6 +34,13 @@ BLOCK_OPTIONS_BY_NAME = {
     "matching": {"crown": 0.0, "boxes": MATCHING_BOXES},
     "lower slave": {"upper_is_slave": False},
     "nearly incompressible": {"element": "hybrid", "compressibility": 1e-3},
+    "hexahedra": {"cell": CellType.hexahedron},
+    "matching hexahedra": {"cell": CellType.hexahedron, "crown": 0.0, "boxes": MATCHING_BOXES},
+    "nearly incompressible hexahedra": {
+        "cell": CellType.hexahedron,
+        "element": "hybrid",
+        "compressibility": 1e-3,
+    },
 }
 
 
@@ -179,19 +186,19 @@ def test_a_part_model_is_the_whole_model_if_no_triangles_across_planes_of_symmet
         return tuple(number[same_side] for number in pairs)
 
     find_pairs = SpaceSlidingMortar._find_near_facing_facet_pairs
-    find_pairs_independently = facing_in_space._find_near_facing_triangles
+    find_pairs_independently = facing_in_space._find_near_facing_sub_facets
     monkeypatch.setattr(
         SpaceSlidingMortar,
         "_find_near_facing_facet_pairs",
         lambda mortar, x: keep_pairs_on_same_side(
-            x, mortar.sides.slave_triangles, mortar.sides.master_triangles, find_pairs(mortar, x)
+            x, mortar.sides.slave_sub_facets, mortar.sides.master_sub_facets, find_pairs(mortar, x)
         ),
     )
     monkeypatch.setattr(
         facing_in_space,
-        "_find_near_facing_triangles",
+        "_find_near_facing_sub_facets",
         lambda sides, x: keep_pairs_on_same_side(
-            x, sides.slave_triangles, sides.master_triangles, find_pairs_independently(sides, x)
+            x, sides.slave_sub_facets, sides.master_sub_facets, find_pairs_independently(sides, x)
         ),
     )
     results = slide_part_and_whole_model(axes, path)
@@ -340,5 +347,3 @@ def test_unsupported_pairs_are_refused():
         blocks.make_problem(solver=Iterative())
     with pytest.raises(ValueError, match="cannot have free motions"):
         blocks.problem.step(blocks.problem.undeformed, motions=Motion((0.0, 0.0, None)))
-    with pytest.raises(ValueError, match="on tetrahedra: use tetrahedra, or state small displ"):
-        BlocksInSpace(cell=CellType.hexahedron).make_problem()

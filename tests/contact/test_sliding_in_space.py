@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pw_elements.contact.interface import SpaceSlidingMortar
-from pw_elements.contact.interface.mortars.space import _TIE_BREAKING_SHIFT
+from pw_elements.contact.interface.mortars.space.projection import TIE_BREAKING_SHIFT
 from tests.contact.sides_in_space import (
     compare_mortar_with_verification,
     make_facets_of_height_field,
@@ -172,9 +172,9 @@ def test_one_sided_derivatives_of_coinciding_sides_are_consistent(name):
                     rates[row[k], parts.nodes[q]] += mixed_rates[i, k]
         return values, rates
 
-    for triangle in rng.choice(len(mortar.sides.slave_triangles), 6, replace=False):
-        corners = x[mortar.sides.slave_triangles[triangle]]
-        shift = _TIE_BREAKING_SHIFT @ (corners[1:] - corners[0])
+    for triangle in rng.choice(len(mortar.sides.slave_sub_facets), 6, replace=False):
+        corners = x[mortar.sides.slave_sub_facets[triangle]]
+        shift = TIE_BREAKING_SHIFT @ (corners[1:] - corners[0])
         direction = np.where(slave_mask(mortar), 0.0, shift / np.linalg.norm(shift))
         direction = direction + 0.03 * rng.normal(size=x.shape)
         start, once, twice = (
@@ -190,7 +190,7 @@ def test_covered_areas_do_not_change_with_tangential_motions_of_a_covering_maste
     """Wholly covered areas do not change if single nodes of the flat master move along it."""
     mortar = make_mortar_of_flat_sides(*MATCHING_SIDES[name])
     parts = mortar._integrate_over_facing_parts(mortar.x)
-    corners = mortar.x[mortar.sides.slave_triangles]
+    corners = mortar.x[mortar.sides.slave_sub_facets]
     inside = (np.abs(corners[..., :2]) < 1 - 1e-9).all(axis=(1, 2))
     assert inside.any()
     is_square = [0, 3, 5]  # numbers of products of a weight function with itself
@@ -325,12 +325,12 @@ def test_closest_points_are_closer_than_all_sampled_points(seed):
     corners, weights = mortar._find_closest_master_points(start)
     assert (weights >= 0).all()
     assert np.abs(weights.sum(axis=1) - 1).max() < 1e-14
-    triangles = {tuple(sorted(triangle)) for triangle in mortar.sides.master_triangles.tolist()}
+    triangles = {tuple(sorted(triangle)) for triangle in mortar.sides.master_sub_facets.tolist()}
     assert {tuple(sorted(triangle)) for triangle in corners.tolist()} <= triangles
     closest = np.einsum("mk,mkx->mx", weights, start[corners])
     i, j = np.triu_indices(41)
     samples = np.stack([i, j - i, 40 - j], axis=1) / 40
-    sampled = np.einsum("sk,tkx->tsx", samples, start[mortar.sides.master_triangles])
+    sampled = np.einsum("sk,tkx->tsx", samples, start[mortar.sides.master_sub_facets])
     distance = np.linalg.norm(points[:, None] - sampled.reshape(-1, 3), axis=2).min(axis=1)
     found = np.linalg.norm(points - closest, axis=1)
     assert (found < distance + 1e-14).all()

@@ -148,8 +148,7 @@ class DeformableSurface:
 
     `PairState` has results at the slave's nodes, and the nodal forces on the master.
     `ContactFields` has pressures, gaps, slips and statuses of both sides. The theory page states
-    which quantities are exact ("Two bodies"). Large sliding needs `ContactProblem.of_residual`, and
-    is available in the plane, in axisymmetry and, in space, on tetrahedra.
+    which quantities are exact ("Two bodies"). Large sliding needs `ContactProblem.of_residual`.
 
     Args:
         where: facets of the master, given by a marker of positions as columns (3, n) that holds at

@@ -15,7 +15,6 @@ from petsc4py import PETSc
 
 import numpy as np
 import ufl
-from basix import CellType
 from dolfinx import fem
 
 from pw_elements.algebra import Reduction, check_load, check_problem, is_finite
@@ -187,11 +186,6 @@ def check_large_strain_surfaces(
         elif isinstance(surface, DeformableSurface):
             if surface.coincident:
                 fault = "`coincident` sides are supported for small displacements only"
-            elif space.mesh.basix_cell() == CellType.hexahedron:
-                fault = (
-                    "two deformed bodies slide on each other in the plane, in axisymmetry and, in "
-                    "space, on tetrahedra: use tetrahedra, or state small displacements"
-                )
         elif not isinstance(surface, ClosestPointSurface):
             fault = (
                 f"deformed bodies cannot touch a {type(surface).__name__}, which knows no closest "

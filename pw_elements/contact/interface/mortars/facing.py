@@ -65,7 +65,8 @@ class MortarMatrices:
         master_fractions: (m, n - m), fractions of the force at each node of the slave that the
             nodes of the master receive.
         fraction_error: (m,), estimated round-off of `master_fractions`.
-        master_facets: (e, d), corners of the master's facets.
+        master_facets: (e, l), corners of the master's facets; those of quadrilaterals in the order
+            along the rim.
     """
 
     normals: Array
@@ -124,8 +125,10 @@ def _rotate_with_master_surface(
     faces at the end.
     """
     facets, n, dim = end.master_facets, len(x_start), x_start.shape[1]
+    # edges from the first corner, or diagonals of quadrilaterals
+    ends, starts = ([2, 3], [0, 1]) if facets.shape[1] == 4 else (range(1, dim), [0] * (dim - 1))
     start_edges, edges = (
-        np.swapaxes(x[facets[:, 1:]] - x[facets[:, :1]], 1, 2) for x in (x_start, x_end)
+        np.swapaxes(x[facets[:, list(ends)]] - x[facets[:, starts]], 1, 2) for x in (x_start, x_end)
     )
     gradient = edges @ np.linalg.pinv(start_edges)  # (e, d, d)
     area = np.sqrt(np.linalg.det(np.swapaxes(start_edges, 1, 2) @ start_edges))
@@ -208,22 +211,22 @@ def assemble_mortar_matrices(
 ) -> MortarMatrices:
     """Assemble the mortar matrices from the integrals over q facing parts.
 
-    Facets have k corners.
+    Facets of the slave have k corners, and those of the master l.
 
     Args:
         normals: (m, d), unit vectors out of the master at the slave's nodes.
         n_slave_facets: number of facets of the slave.
         facet: (q,), slave facet of each part.
         slave_nodes: (q, k), corners of the slave's facets.
-        master_nodes: (q, k), corners of the master's facets.
+        master_nodes: (q, l), corners of the master's facets.
         slave_products: (q, k, k), integrals of products of two weight functions of the slave.
-        mixed_products: (q, k, k), integrals of a weight function of the slave times one of the
+        mixed_products: (q, k, l), integrals of a weight function of the slave times one of the
             master.
         distance_nodes: (q, a), nodes by which the distance of both sides is interpolated.
         distance_products: (q, k, a), integrals of a weight function of the slave times the factor
             of each of these nodes in the distance of the slave from the master.
         n_nodes: number n of nodes of both sides.
-        master_facets: (e, k), corners of all facets of the master.
+        master_facets: (e, l), corners of all facets of the master.
     """
     m, k = len(normals), slave_nodes.shape[1]
     areas, facet_products = np.zeros(m), np.zeros((n_slave_facets, k, k))

@@ -22,9 +22,9 @@ directions perpendicular to n_0, R is the rotation that is closest to U. With n_
 
     R t_0 = r / |r|,   r = U t_0 - n x U s_0,   R s_0 = n x R t_0.
 
-Plane and space differ in the facets, which are segments or triangles, in the integrals over their
-facing parts and in the normals. These are in `plane` and `space`; all else is here. The dimension
-of space is d, and k = d is also the number of corners of a facet.
+Plane and space differ in the facets, which are segments, triangles or quadrilaterals, in the
+integrals over their facing parts and in the normals. These are in `plane` and `space`; all else is
+here. The dimension of space is d. A facet of the slave has k corners, and one of the master l.
 """
 
 from abc import ABC, abstractmethod
@@ -75,14 +75,14 @@ class FacingParts:
     Args:
         slave_facet: (q,), facet of the slave.
         slave_nodes: (q, k), corners of the slave's facet.
-        master_nodes: (q, k), corners of the master's facet, numbered after the slave's nodes.
+        master_nodes: (q, l), corners of the master's facet, numbered after the slave's nodes.
         nodes: (q, p), nodes on whose positions the integrals depend.
         slave_products: (q, k (k + 1) / 2), integrals of the products of two weight functions of the
             slave, in the order of `number_unique_products`.
         slave_products_rate: (q, k (k + 1) / 2, p d), their derivatives.
-        mixed_products: (q, k, k), integrals of a weight function of the slave times one of the
+        mixed_products: (q, k, l), integrals of a weight function of the slave times one of the
             master.
-        mixed_products_rate: (q, k, k, p d), their derivatives.
+        mixed_products_rate: (q, k, l, p d), their derivatives.
         bubbles: (q, b), numbers of the second differences along edges by which the curved facets
             differ from the parts; b = 0 if distances are measured between flat facets.
         bubble_products: (q, k, b), integrals of a weight function of the slave times the factor of
@@ -311,7 +311,7 @@ class SlidingMortar(ABC):
         slave: boundary facets of the undeformed slave.
         master: boundary facets of the undeformed master.
         slave_facets: (f, k), corners of the slave's sub-facets as indices into `slave.nodes`.
-        master_facets: (e, k), corners of the master's sub-facets as indices into `master.nodes`.
+        master_facets: (e, l), corners of the master's sub-facets as indices into `master.nodes`.
 
     Attributes:
         allowed_components: (m, d), mask of the components in which normals at the slave's nodes may
@@ -406,7 +406,8 @@ class SlidingMortar(ABC):
         (n, dim), m, f = x.shape, self.n_slave_nodes, len(self._slave_facets)
         parts = self._integrate_over_facing_parts(x)
         slave_nodes, master_nodes, facet = parts.slave_nodes, parts.master_nodes, parts.slave_facet
-        axis, number = np.arange(dim), number_unique_products(dim)
+        k = slave_nodes.shape[1]
+        axis, number = np.arange(dim), number_unique_products(k)
         n_products = parts.slave_products.shape[1]
         # columns of derivatives
         dofs = (dim * parts.nodes[:, :, None] + axis).reshape(
@@ -416,7 +417,7 @@ class SlidingMortar(ABC):
         facet_products = np.zeros((f, n_products))
         np.add.at(facet_products, facet, parts.slave_products)
         area_by_product = sum_into_matrix(
-            np.ones((f, dim, dim)),
+            np.ones((f, k, k)),
             self._slave_facets[:, :, None],
             product_index[:, number],
             (m, n_products * f),
