@@ -11,6 +11,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from dolfinx.mesh import CellType
 
 from pw_elements import Iterative, Spaces, reactions
 from pw_elements.contact import (
@@ -45,6 +46,7 @@ from tests.library import vtx
 from tests.oracle.random_contact import make_problem as random_problem
 from tests.parallel import assert_same_values, run_on_processes
 
+HYBRID_BLOCKS = {"element": "hybrid", "compressibility": 1e-3}
 CASES_WITH_FILES = "block", "drag", "mortar", "flat mortar", "matching"
 
 
@@ -236,12 +238,18 @@ def solve_and_collect_finite_strain_fields(comm, folder):
     )[-1].pairs
     for field in ("force_normal", "force_tangential", "slip", "gap", "opposite_force"):
         fields[f"die's {field}"] = np.nan_to_num(getattr(pair, field), posinf=-1.0)
-    blocks = BlocksInSpace(upper_is_slave=False, comm=comm)
-    has_contact_nodes = comm.allgather(any(np.isclose(blocks.owned_positions[:, 2], 0.0)))
-    assert comm.size == 1 or sum(has_contact_nodes) > 1, "the partition spares the contact"
-    (pair,) = blocks.slide([(0.0, 0.0, -0.06), (0.1, 0.02, -0.06)])[-1].pairs
-    for field in ("force_normal", "force_tangential", "slip", "gap", "opposite_force"):
-        fields[f"blocks' {field}"] = np.nan_to_num(getattr(pair, field), posinf=-1.0)
+    for name, options in (
+        ("blocks", {}),
+        ("hexahedra", {"cell": CellType.hexahedron}),
+        ("hybrid hexahedra", {"cell": CellType.hexahedron} | HYBRID_BLOCKS),
+        ("hybrid blocks", HYBRID_BLOCKS),
+    ):
+        blocks = BlocksInSpace(upper_is_slave=False, comm=comm, **options)
+        has_contact_nodes = comm.allgather(any(np.isclose(blocks.owned_positions[:, 2], 0.0)))
+        assert comm.size == 1 or sum(has_contact_nodes) > 1, "the partition spares the contact"
+        (pair,) = blocks.slide([(0.0, 0.0, -0.06), (0.1, 0.02, -0.06)])[-1].pairs
+        for field in ("force_normal", "force_tangential", "slip", "gap", "opposite_force"):
+            fields[f"{name}' {field}"] = np.nan_to_num(getattr(pair, field), posinf=-1.0)
     case = RandomRubber(0, comm=comm)
     problem, states = case.solve()
     arguments = states, case.outputs, list(case.parameters.values()), case.loads

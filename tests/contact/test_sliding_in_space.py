@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pw_elements.contact.interface import SpaceSlidingMortar
+from pw_elements.contact.interface import SpaceSlidingMortar, compute_tributary_areas
 from pw_elements.contact.interface.mortars.space.projection import TIE_BREAKING_SHIFT
+from pw_elements.contact.interface.mortars.space.quadrilaterals import evaluate_weights_at_points
 from tests.contact.sides_in_space import (
     compare_mortar_with_verification,
     make_facets_of_height_field,
@@ -17,12 +18,19 @@ from tests.contact.sides_in_space import (
 )
 
 
-def make_disturbed_start_and_end_positions(seed):
+# numbers of vertices of the facets of slave and master
+FACET_PAIRINGS = [(3, 3), (3, 4), (4, 3), (4, 4)]
+# Largest difference of integrals by two quadratures over quadrilaterals that are no parallelograms
+QUADRATURE_ERROR = 1e-9
+
+
+def make_disturbed_start_and_end_positions(seed, n_corners=(3, 3)):
     """Return a mortar, and randomly disturbed positions (n, 3) of its nodes at start and end.
 
     Some slave nodes face the master at the end only.
     """
-    mortar, rng = make_mortar_of_curved_sides(seed), np.random.default_rng([11, seed])
+    mortar = make_mortar_of_curved_sides(seed, n_corners=n_corners)
+    rng = np.random.default_rng([11, seed])
     end = mortar.x + rng.normal(size=mortar.x.shape) * 0.004
     start = end + rng.normal(size=end.shape) * 0.01 - slave_mask(mortar) * [0.7, 0.2, 0.0]
     return mortar, start, end
@@ -35,13 +43,14 @@ def forbid_components_at_two_edges(mortar):
         mortar.allowed_components[np.isclose(x, x.min()), axis] = False
 
 
+@pytest.mark.parametrize("n_corners", FACET_PAIRINGS)
 @pytest.mark.parametrize("seed", range(2))
-def test_mortar_derivatives_agree_with_central_differences(seed):
+def test_mortar_derivatives_agree_with_central_differences(seed, n_corners):
     """Derivatives in random directions agree with central differences to 1e-7.
 
     With odd seeds, normals at two edges of the slave lie in planes of symmetry.
     """
-    mortar, start, x = make_disturbed_start_and_end_positions(seed)
+    mortar, start, x = make_disturbed_start_and_end_positions(seed, n_corners)
     if seed % 2:
         forbid_components_at_two_edges(mortar)
     reference, projected = mortar.make_slip_reference(start), mortar.linearise(x)
@@ -81,13 +90,15 @@ def test_mortar_derivatives_agree_with_central_differences(seed):
             assert error < 1e-7 * np.abs(expected).max()
 
 
+@pytest.mark.parametrize("n_corners", FACET_PAIRINGS)
 @pytest.mark.parametrize("seed", range(6))
-def test_the_verification_agrees_with_the_mortar(seed):
+def test_the_verification_agrees_with_the_mortar(seed, n_corners):
     """The independent verification and the mortar compute the same integrals for disturbed sides.
 
     The sides are shifted and rotated, so that they overlap partly.
     """
-    mortar = make_mortar_of_curved_sides(seed)
+    mortar = make_mortar_of_curved_sides(seed, n_corners=n_corners)
+    tolerance = 1e-12 if n_corners == (3, 3) else QUADRATURE_ERROR
     if seed % 2:
         forbid_components_at_two_edges(mortar)
     rng, is_slave = np.random.default_rng([13, seed]), slave_mask(mortar)
@@ -98,7 +109,7 @@ def test_the_verification_agrees_with_the_mortar(seed):
         for shift in shifts
     ]
     for start, end in (positions, positions[::-1]):
-        assert max(compare_mortar_with_verification(mortar, start, end).values()) < 1e-12
+        assert max(compare_mortar_with_verification(mortar, start, end).values()) < tolerance
     n_faced = sum(mortar.linearise(x).faces_master.sum() for x in positions)
     assert 0 < n_faced < 2 * mortar.n_slave_nodes
 
@@ -114,13 +125,16 @@ MATCHING_SIDES = {
 @pytest.mark.parametrize(
     ("disturbance", "tolerance"), [(0.0, 1e-12), (1e-12, 3e-11), (1e-4, 1e-12)]
 )
+@pytest.mark.parametrize("n_corners", FACET_PAIRINGS)
 @pytest.mark.parametrize("name", MATCHING_SIDES)
-def test_the_verification_agrees_where_vertices_or_edges_coincide(name, disturbance, tolerance):
+def test_the_verification_agrees_where_vertices_or_edges_coincide(
+    name, n_corners, disturbance, tolerance
+):
     """Both agree for coinciding vertices and edges, which may be displaced at random.
 
     Displacements below the tie-breaking shift of 1e-11 edge lengths may change integrals by it.
     """
-    mortar = make_mortar_of_flat_sides(*MATCHING_SIDES[name])
+    mortar = make_mortar_of_flat_sides(*MATCHING_SIDES[name], n_corners=n_corners)
     rng = np.random.default_rng(17)
     x = mortar.x + rng.normal(size=mortar.x.shape) * disturbance
     rotated_x = x @ Rotation.from_rotvec([0.7, 1.1, -0.5]).as_matrix().T
@@ -128,21 +142,25 @@ def test_the_verification_agrees_where_vertices_or_edges_coincide(name, disturba
         assert max(compare_mortar_with_verification(mortar, start, end).values()) < tolerance
 
 
+@pytest.mark.parametrize("n_corners", [3, 4])
 @pytest.mark.parametrize("seed", range(1, 3))
-def test_the_verification_agrees_on_a_closed_seam_of_curved_matching_meshes(seed):
+def test_the_verification_agrees_on_a_closed_seam_of_curved_matching_meshes(seed, n_corners):
     """Both sides of a curved cut through one body have the same nodes."""
 
     def height(x, y):
         return 0.3 * np.sin(2 * x + seed) * np.cos(y)
 
     slave, master = (
-        make_facets_of_height_field(3, height, first, outward, jitter=0.03, seed=seed)
+        make_facets_of_height_field(
+            3, height, first, outward, jitter=0.03, seed=seed, n_corners=n_corners
+        )
         for first, outward in ((0, -1.0), (1000, 1.0))
     )
     mortar = SpaceSlidingMortar(slave, master)
     x = mortar.x + slave_mask(mortar) * [1e-8, 0.0, 0.0]
+    tolerance = 1e-12 if n_corners == 3 else QUADRATURE_ERROR
     for start, end in ((mortar.x, mortar.x), (mortar.x, x)):
-        assert max(compare_mortar_with_verification(mortar, start, end).values()) < 1e-12
+        assert max(compare_mortar_with_verification(mortar, start, end).values()) < tolerance
     assert np.abs(mortar.linearise(mortar.x).gaps).max() < 1e-12
 
 
@@ -204,10 +222,11 @@ def test_covered_areas_do_not_change_with_tangential_motions_of_a_covering_maste
     assert np.abs(tangential).max() < 1e-14 < np.abs(area_rates).max()
 
 
+@pytest.mark.parametrize("n_corners", FACET_PAIRINGS)
 @pytest.mark.parametrize("seed", range(2))
-def test_a_rigid_motion_of_both_bodies_is_no_slip(seed):
+def test_a_rigid_motion_of_both_bodies_is_no_slip(seed, n_corners):
     """A rigid motion of both bodies together causes no slip, and keeps paired points paired."""
-    mortar, _, x = make_disturbed_start_and_end_positions(seed)
+    mortar, _, x = make_disturbed_start_and_end_positions(seed, n_corners)
     end = x @ Rotation.random(random_state=seed).as_matrix().T + [3.0, -2.0, 1.0]
     start, projected = mortar.make_slip_reference(x), mortar.linearise(end)
     assert abs(projected.distance_rows - start.distance_rows).max() < 1e-13
@@ -292,12 +311,13 @@ def test_slip_does_not_depend_on_whether_nodes_faced_the_master_at_the_start(
     assert np.linalg.norm(slip, axis=1).max() > (0.1 if slave_twist != master_twist else 0.01)
 
 
-def test_linear_fields_are_transferred_exactly_and_fractions_add_up_to_one():
+@pytest.mark.parametrize("n_corners", FACET_PAIRINGS)
+def test_linear_fields_are_transferred_exactly_and_fractions_add_up_to_one(n_corners):
     """Linear fields are transferred exactly between flat sides that overlap partly.
 
     Fractions of forces add up to one also on curved sides.
     """
-    mortar = make_mortar_of_flat_sides((3, 2), (0.83, 0.31), gap=0.02)
+    mortar = make_mortar_of_flat_sides((3, 2), (0.83, 0.31), gap=0.02, n_corners=n_corners)
     projected = mortar.linearise(mortar.x)
     faced = projected.faces_master
     assert 0 < faced.sum() < len(faced)
@@ -310,10 +330,50 @@ def test_linear_fields_are_transferred_exactly_and_fractions_add_up_to_one():
     received = projected.master_fractions.T @ force
     assert np.abs(received @ master_x[:, :2] - force @ slave_x[:, :2]).max() < 1e-12
     for seed in range(3):
-        curved, _, x = make_disturbed_start_and_end_positions(seed)
+        curved, _, x = make_disturbed_start_and_end_positions(seed, n_corners)
         projected = curved.linearise(x)
         fractions = projected.master_fractions.sum(axis=1)
         assert np.abs(fractions - projected.faces_master).max() < 1e-12
+
+
+@pytest.mark.parametrize("n_corners", FACET_PAIRINGS)
+def test_a_uniform_pressure_is_transferred_exactly_between_distorted_flat_meshes(n_corners):
+    """Nodes of the master that are wholly covered receive the integrals of their weights."""
+    slave, master = (
+        make_facets_of_height_field(
+            n_cells,
+            lambda x, _: 0 * x,
+            first_node,
+            outward,
+            half_width=half_width,
+            jitter=0.02,
+            seed=n_cells,
+            n_corners=n,
+        )
+        for n_cells, first_node, outward, half_width, n in (
+            (4, 0, -1.0, 0.9, n_corners[0]),
+            (3, 1000, 1.0, 1.0, n_corners[1]),
+        )
+    )
+    mortar = SpaceSlidingMortar(slave, master)
+    projected = mortar.linearise(mortar.x)
+    received = projected.master_fractions.T @ projected.areas
+    areas = compute_tributary_areas(master, revolved=False)
+    inner = np.abs(mortar.x[mortar.n_slave_nodes :, :2]).max(axis=1) < 0.5
+    assert inner.sum() > 8
+    assert np.abs(received / areas - 1)[inner].max() < QUADRATURE_ERROR
+    assert np.abs(projected.areas / compute_tributary_areas(slave, revolved=False) - 1).max() < 1e-9
+
+
+@pytest.mark.parametrize("shear", [0.0, 0.3, 0.6, 0.95])
+def test_weights_at_points_of_quadrilaterals_reproduce_the_points(shear):
+    """Bilinear functions are inverted up to where a quadrilateral becomes concave."""
+    corners = np.array([[[0.0, 0.0], [1.0, 0.1], [1 - 0.5 * shear, 1 - 0.5 * shear], [-0.2, 0.9]]])
+    u = np.random.default_rng(0).uniform(-0.5, 0.5, (200, 2))
+    (x0, y0), (x1, y1) = (0.5 - u).T, (0.5 + u).T
+    expected = np.stack([x0 * y0, x1 * y0, x1 * y1, x0 * y1], axis=1)
+    weights = evaluate_weights_at_points(corners, (expected @ corners[0])[None])
+    assert np.abs(weights[0] - expected).max() < 1e-13
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -337,12 +397,15 @@ def test_closest_points_are_closer_than_all_sampled_points(seed):
     assert set((weights > 0).sum(axis=1)) == {1, 2, 3}  # on vertices, edges and triangles
 
 
-def test_the_depth_of_penetration_is_measured_inside_the_rim_of_a_side():
+@pytest.mark.parametrize("n_corners", [(3, 3), (4, 4)])
+def test_the_depth_of_penetration_is_measured_inside_the_rim_of_a_side(n_corners):
     """The depth of penetration is measured at nodes that pass within the rim of the other side.
 
     It is zero for nodes that were not outside the other body at the start.
     """
-    mortar = make_mortar_of_flat_sides((2, 2), half_widths=(1.0, 1.0), gap=0.02)
+    mortar = make_mortar_of_flat_sides(
+        (2, 2), half_widths=(1.0, 1.0), gap=0.02, n_corners=n_corners
+    )
     is_slave, n = slave_mask(mortar), mortar.n_slave_nodes
     lowered_x = mortar.x - is_slave * [0.0, 0.0, 0.52]
     depth = mortar.measure_max_penetration_along_path(mortar.x, lowered_x)
@@ -363,9 +426,12 @@ def test_the_depth_of_penetration_is_measured_inside_the_rim_of_a_side():
     assert not np.delete(depth, node).any()
 
 
-def test_slip_agrees_with_that_of_the_path_of_a_straight_slide():
+@pytest.mark.parametrize("n_corners", FACET_PAIRINGS)
+def test_slip_agrees_with_that_of_the_path_of_a_straight_slide(n_corners):
     """On flat sides, both slips equal the relative motion, also if both bodies rotate besides."""
-    mortar = make_mortar_of_flat_sides((2, 3), half_widths=(0.4, 1.0), gap=0.01)
+    mortar = make_mortar_of_flat_sides(
+        (2, 3), half_widths=(0.4, 1.0), gap=0.01, n_corners=n_corners
+    )
     motion = np.array([0.23, -0.11, 0.0])
     end = mortar.x + slave_mask(mortar) * motion
     slip, _ = mortar.linearise(end).measure_slip_and_motion_derivatives(
@@ -379,14 +445,19 @@ def test_slip_agrees_with_that_of_the_path_of_a_straight_slide():
     assert np.abs(mortar.integrate_slip_along_path(mortar.x, mortar.x + motion)).max() < 1e-13
 
 
+@pytest.mark.parametrize("n_corners", [(3, 3), (4, 4)])
 @pytest.mark.parametrize(("common_angle", "twist"), [(0.6, 0.0), (0.0, 0.6), (-0.5, 1.0)])
-def test_slip_agrees_with_that_of_the_path_if_bodies_turn_about_their_normal(common_angle, twist):
+def test_slip_agrees_with_that_of_the_path_if_bodies_turn_about_their_normal(
+    common_angle, twist, n_corners
+):
     """On flat sides, slips differ by an eleventh of the square of the master's angle at most.
 
     Both sides turn by a common angle, and the slave by a twist besides. Some of its nodes come from
     beside the master. Nodes at the rim of a side do not count: the slip is that of a mean position.
     """
-    mortar = make_mortar_of_flat_sides((3, 3), (0.9, 0.1), half_widths=(0.4, 1.0), gap=0.01)
+    mortar = make_mortar_of_flat_sides(
+        (3, 3), (0.9, 0.1), half_widths=(0.4, 1.0), gap=0.01, n_corners=n_corners
+    )
     twisted_x = rotate_about(mortar.x, [0.0, 0.0, twist], (0.9, 0.1, 0.0)) - [0.6, -0.1, 0.0]
     end = rotate_about(np.where(slave_mask(mortar), twisted_x, mortar.x), [0.0, 0.0, common_angle])
     reference, projected = mortar.make_slip_reference(mortar.x), mortar.linearise(end)

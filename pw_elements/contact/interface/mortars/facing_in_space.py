@@ -7,7 +7,7 @@ A sub-facet of the master, which is a triangle or a quadrilateral, is projected 
 sub-facet of the slave along the latter's normal. The corners of the intersection are among the
 corners of both and the points at which their edges cross. Taken in the order of their angle around
 their mean position, they divide the intersection into triangles, on which a quadrature rule is
-exact for triangular sub-facets, and of a higher degree than in the iteration for quadrilaterals.
+exact for triangular sub-facets, and of a high degree for quadrilaterals.
 Distances are measured between the curved facets, to which the sub-facets belong, by their quadratic
 functions.
 """
@@ -19,7 +19,6 @@ import numpy as np
 
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.contact.interface.mortars.facing import MortarMatrices, assemble_mortar_matrices
-from pw_elements.contact.interface.mortars.overlap import evaluate_corner_shape_functions
 
 # Largest cosine between the outward normals of two sub-facets that face each other
 _MAX_COSINE_OF_OUTWARD_NORMALS = -0.01
@@ -32,9 +31,7 @@ _COORDINATE_TOLERANCE = 1e-13
 _MAX_DISTANCES_AT_ONCE = 1_000_000
 # Degree of a weight function times a quadratic function on triangles, and of the rule if one of two
 # sub-facets is a quadrilateral
-_TRIANGLE_DEGREE, _QUADRILATERAL_DEGREE = 3, 14
-# Order along the rim of corners in tensor-product order; this is its own inverse
-_RIM_OF_TENSOR_PRODUCT = [0, 1, 3, 2]
+_TRIANGLE_DEGREE, _QUADRILATERAL_DEGREE = 3, 20
 # Numbers of the nodes of a quadrilateral facet along both axes, for its nine nodes
 _TENSOR_PRODUCT_NODES = np.array(
     [[0, 0], [2, 0], [0, 2], [2, 2], [1, 0], [0, 1], [2, 1], [1, 2], [1, 1]]
@@ -84,12 +81,15 @@ def evaluate_mortar_matrices_in_space(sides: FacetedSides, x: Array) -> MortarMa
     slave, master = slave[convex], master[convex]
     slave_plane, master_plane = slave_plane[convex], master_plane[convex]
     only_triangles = slave_plane.shape[1] + master_plane.shape[1] == 6
-    points, weights = _make_rules_on_intersections(
+    triangle, points, weights = _make_rules_on_intersections(
         slave_plane, master_plane, _TRIANGLE_DEGREE if only_triangles else _QUADRILATERAL_DEGREE
     )
+    # from here on, each triangle of an intersection is a part of its own
+    slave, master = slave[triangle], master[triangle]
+    slave_plane, master_plane = slave_plane[triangle], master_plane[triangle]
     area, size = weights.sum(axis=1), np.abs(_double_areas(slave_plane)) / 2
     covered = np.bincount(slave, area, minlength=len(sides.slave_sub_facets))[slave] / size
-    facing = (area > 0) & (covered > _MIN_FACING_FRACTION_OF_SLAVE_SUB_FACET)
+    facing = covered > _MIN_FACING_FRACTION_OF_SLAVE_SUB_FACET
     slave, master, weights, points = slave[facing], master[facing], weights[facing], points[facing]
     slave_functions, master_functions = (
         _evaluate_weight_functions(corners[facing], points)
@@ -144,13 +144,18 @@ def _find_near_facing_sub_facets(sides: FacetedSides, x: Array) -> tuple[Indices
     return slave, master
 
 
-def _make_rules_on_intersections(slave: Array, master: Array, degree: int) -> tuple[Array, Array]:
-    """Return quadrature points (q, g, 2) and weights (q, g) on intersections of polygons.
+def _make_rules_on_intersections(
+    slave: Array, master: Array, degree: int
+) -> tuple[Indices, Array, Array]:
+    """Return quadrature rules on the triangles (t) that make up intersections of polygons.
 
     Args:
         slave: (q, k, 2), corners of convex polygons in the plane.
         master: (q, l, 2), corners of the convex polygons with which they intersect.
         degree: degree of the rule on triangles.
+
+    Returns:
+        The pair (t,) to which each triangle belongs, points (t, g, 2) and weights (t, g).
     """
     points, exists = [], []
     for corners, other in ((slave, master), (master, slave)):
@@ -187,11 +192,12 @@ def _make_rules_on_intersections(slave: Array, master: Array, degree: int) -> tu
     is_used = np.take_along_axis(is_corner, order, axis=1)
     ordered = np.where(is_used[:, :, None], ordered, first)
     following = np.roll(ordered, -1, axis=1)
-    area = np.maximum(_cross(ordered, following), 0.0) / 2
+    double_area: Array = _cross(ordered, following)
+    pair, side = np.nonzero(double_area > 0)
     rule_points, rule_weights = basix.make_quadrature(basix.CellType.triangle, degree)
-    rule = [middle[:, None] + s * ordered + t * following for s, t in rule_points]
-    weights = [2 * weight * area for weight in rule_weights]
-    return np.concatenate(rule, axis=1), np.concatenate(weights, axis=1)
+    ends = np.stack([ordered[pair, side], following[pair, side]], axis=1)
+    points_of_rule = middle[pair, None] + rule_points @ ends
+    return pair, points_of_rule, np.outer(double_area[pair, side], rule_weights)
 
 
 def _are_convex(polygon: Array) -> Mask:
@@ -224,8 +230,31 @@ def _evaluate_weight_functions(corners: Array, points: Array) -> Array:
     """Return the weight functions (q, g, k) of sub-facets (q, k, 2) at points (q, g, 2)."""
     if corners.shape[1] == 3:
         return _barycentric_coordinates(corners, points)
-    values = evaluate_corner_shape_functions(corners[:, _RIM_OF_TENSOR_PRODUCT], points)
-    return values[:, :, _RIM_OF_TENSOR_PRODUCT]
+    a, b, c, d = (corners[:, k, None] for k in range(4))
+    u, v = (
+        _find_fractions_along_sides(points, a, b, c, d),
+        _find_fractions_along_sides(points, a, d, c, b),
+    )
+    return np.stack([(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v], axis=2)
+
+
+def _find_fractions_along_sides(points: Array, a: Array, b: Array, c: Array, d: Array) -> Array:
+    """Return the fractions (q, g) at which lines through points divide opposite sides alike.
+
+    The line through a point divides the sides from a to b and from d to c, all (q, 1, 2), at the
+    same fraction of their lengths. The fraction is the root, between 0 and 1, of a quadratic
+    function.
+    """
+    from_point, side, change = a - points, b - a, (c - d) - (b - a)
+    constant = _cross(from_point, d - a)
+    linear = _cross(from_point, change) + _cross(side, d - a)
+    square = np.broadcast_to(_cross(side, change), constant.shape)
+    root = np.sqrt(np.maximum(linear**2 - 4 * square * constant, 0.0))
+    q = -(linear + np.copysign(root, linear)) / 2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        roots = np.array([constant / q, q / square])
+    distance = np.abs(np.where(np.isfinite(roots), roots, np.inf) - 0.5)
+    return np.asarray(np.where(distance[0] <= distance[1], roots[0], roots[1]))
 
 
 def _evaluate_quadratic_functions(corners: Indices, weights: Array) -> Array:

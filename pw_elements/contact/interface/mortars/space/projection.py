@@ -125,6 +125,7 @@ def project_onto_slave_facets(corners: Array, n_slave_corners: int) -> Projected
     """
     items, _, _ = _coordinates_in_slave_frames(corners, n_slave_corners)
     n_master_corners = corners.shape[1] - n_slave_corners
+    # without columns for triangles
     twist = np.concatenate([items[:, :0, 0], *np.swapaxes(items[:, n_master_corners:], 0, 1)], 1)
     base = CORNER_COORDINATES_BY_CORNER_COUNT[n_slave_corners]
     slave = np.broadcast_to(base, (len(corners), *base.shape))

@@ -121,9 +121,9 @@ def _number_local_second_differences(n_nodes: int, local_corners: Indices) -> tu
         (f, b) for the bubble functions of each sub-facet.
     """
     rows = _ROWS_BY_FACET_NODE_COUNT[n_nodes]
-    coefficients = np.zeros((len(rows), n_nodes))
-    for row, nodes in zip(coefficients, rows, strict=True):
-        row[list(nodes)] = _SECOND_DIFFERENCE
+    coefficients: Array = np.zeros((len(rows), n_nodes))
+    for number, nodes in enumerate(rows):
+        coefficients[number, list(nodes)] = _SECOND_DIFFERENCE
     connections = (
         _PARALLEL_CONNECTIONS_OF_TRIANGLE
         if n_nodes == 6
