@@ -43,7 +43,8 @@ def join_lower_and_upper_mesh(lower: Mesh, upper: Mesh) -> tuple[Mesh, npt.NDArr
     return mesh, np.asarray(mesh.topology.original_cell_index) < len(lower_cells)
 
 
-def mesh_two_blocks_of_tetrahedra(
+def mesh_two_blocks_in_space(
+    cell: str,
     lower_lines: Sequence[Array],
     upper_lines: Sequence[Array],
     curvatures: tuple[float, float],
@@ -53,6 +54,7 @@ def mesh_two_blocks_of_tetrahedra(
     """Mesh a block below and a block above z = 0, whose sides there are paraboloids.
 
     Args:
+        cell: "tetrahedron" or "hexahedron".
         lower_lines: Mesh lines of the lower block along each axis.
         upper_lines: Mesh lines of the upper block.
         curvatures: Curvatures of the lower block's upper side and of the upper block's lower side.
@@ -68,7 +70,7 @@ def mesh_two_blocks_of_tetrahedra(
 
     blocks = [
         curved_mesh(
-            mesh_box_along_lines("tetrahedron", *lines),
+            mesh_box_along_lines(cell, *lines),
             partial(bend_end_of_block, curvature=curvature),
         )
         for lines, curvature in zip((lower_lines, upper_lines), curvatures, strict=True)
@@ -84,6 +86,19 @@ def mesh_two_blocks_of_tetrahedra(
         return locate_entities_boundary(mesh, 2, is_on_side).astype(np.int64)
 
     return mesh, (find_facets(curvatures[1], gap, extent), find_facets(curvatures[0], 0.0, np.inf))
+
+
+def mesh_two_blocks_of_tetrahedra(
+    lower_lines: Sequence[Array],
+    upper_lines: Sequence[Array],
+    curvatures: tuple[float, float],
+    gap: float,
+    extent: float = np.inf,
+) -> tuple[Mesh, tuple[Indices, Indices]]:
+    """Return `mesh_two_blocks_in_space` for tetrahedra."""
+    return mesh_two_blocks_in_space(
+        "tetrahedron", lower_lines, upper_lines, curvatures, gap, extent
+    )
 
 
 def mesh_ball_on_block(

@@ -75,6 +75,15 @@ INNER_RADIUS = 0.8
 """Distance from the axis up to which pressures are compared."""
 
 
+def _cell_of(element: str) -> str:
+    return "hexahedron" if element.endswith("H27") else "tetrahedron"
+
+
+def _quadrature_degree(element: str) -> int:
+    """Return the degree of quadrature; that of both programs would leave H27 without stiffness."""
+    return 4 if element == "galerkin-H27" else QUADRATURE_DEGREE
+
+
 def _mask_base_and_top(bodies: NeoHookeanBody) -> tuple[Mask, Mask]:
     z = bodies.x[:, 2]
     return np.isclose(z, z.min()), np.isclose(z, z.max())
@@ -90,8 +99,10 @@ def _pair(state: ContactState) -> PairState:
 def _press_and_rotate_patch(
     element: str, curvature: float, lame: float | None
 ) -> tuple[NeoHookeanBody, tuple[Indices, Indices], SlidingHistory]:
-    mesh, sides = mesh_blocks(PATCH_GRIDS, (curvature, curvature))
-    bodies = NeoHookeanBody(element, mesh, QUADRATURE_DEGREE, calculix_energy=lame is None)
+    mesh, sides = mesh_blocks(PATCH_GRIDS, (curvature, curvature), _cell_of(element))
+    bodies = NeoHookeanBody(
+        element, mesh, _quadrature_degree(element), calculix_energy=lame is None
+    )
 
     def set_displacements(time: float, displacement: Array) -> None:
         displacement[:] = displace_patch(bodies.x, time, lame)
@@ -165,7 +176,7 @@ def transfer(element: str, method: str) -> Result:
         method: Method of section V11, "p2-dual" for dual quadratic multipliers.
     """
     mesh, sides = mesh_blocks(PATCH_GRIDS, (0.0, 0.0))
-    bodies = NeoHookeanBody(element, mesh, QUADRATURE_DEGREE)
+    bodies = NeoHookeanBody(element, mesh, _quadrature_degree(element))
     space = bodies.solution.function_space
     slave, master = (gather_boundary_facets(space, side.astype(np.int32)) for side in sides)
     coupling = integrate_mortar_coupling_of_multipliers(method, slave, master, len(bodies.x), 1.0)
@@ -191,8 +202,8 @@ def press_and_slide_block(
         calculix_energy: Whether to use CalculiX' strain energy.
         n_elements: Number of elements to slide over, at most 10.
     """
-    mesh, sides = mesh_blocks(SLIDING_GRIDS, (0.0, SLIDING_CURVATURE))
-    bodies = NeoHookeanBody(element, mesh, QUADRATURE_DEGREE, calculix_energy)
+    mesh, sides = mesh_blocks(SLIDING_GRIDS, (0.0, SLIDING_CURVATURE), _cell_of(element))
+    bodies = NeoHookeanBody(element, mesh, _quadrature_degree(element), calculix_energy)
 
     def set_displacements(time: float, displacement: Array) -> None:
         displacement[:] = displace_sliding_block(bodies.x, time)
@@ -266,8 +277,8 @@ def flat(element: str, plane_strain: bool) -> Result:
         element: Name of the element.
         plane_strain: Whether displacements across the direction of sliding are zero.
     """
-    mesh, sides = mesh_blocks(FLAT_GRIDS, (0.0, 0.0))
-    bodies = NeoHookeanBody(element, mesh, QUADRATURE_DEGREE)
+    mesh, sides = mesh_blocks(FLAT_GRIDS, (0.0, 0.0), _cell_of(element))
+    bodies = NeoHookeanBody(element, mesh, _quadrature_degree(element))
     is_base, is_top = _mask_base_and_top(bodies)
 
     def set_displacements(time: float, displacement: Array) -> None:
@@ -330,7 +341,7 @@ def hertz(element: str, elements_per_radius: float) -> Result:
 
     gap = exact.approach
     mesh, sides = mesh_ball_on_block(elements_per_radius, BALL_OVER_BLOCK_CELLS, BALL_RADIUS, gap)
-    bodies = NeoHookeanBody(element, mesh, QUADRATURE_DEGREE)
+    bodies = NeoHookeanBody(element, mesh, _quadrature_degree(element))
     x = bodies.x
     is_lateral = np.any(np.isclose(np.abs(x[:, :2]), BODY_SIZE), axis=1)
     is_outer = np.any([is_lateral, *_mask_base_and_top(bodies)], axis=0)

@@ -10,7 +10,7 @@ from dolfinx.mesh import Mesh
 from scipy.spatial.transform import Rotation
 
 from pw_elements.contact.model import ContactState, PairState
-from study.meshes.two_body_meshes import mesh_two_blocks_of_tetrahedra
+from study.meshes.two_body_meshes import mesh_two_blocks_in_space
 from study.solutions.calculix.blocks_in_space import (
     GAP,
     PATCH_GRIDS,
@@ -27,13 +27,14 @@ QUADRATURE_DEGREE = 2  # of both programs
 
 
 def mesh_blocks(
-    grids: Sequence[Grid], curvatures: tuple[float, float]
+    grids: Sequence[Grid], curvatures: tuple[float, float], cell: str = "tetrahedron"
 ) -> tuple[Mesh, tuple[Indices, Indices]]:
     """Mesh two blocks; return the mesh, and the facets of the slave (upper) and of the master.
 
     Args:
         grids: Grids of the lower and the upper block.
         curvatures: Curvatures of the lower block's upper side and of the upper block's lower side.
+        cell: "tetrahedron" or "hexahedron".
     """
     lower, upper = (
         [
@@ -42,7 +43,7 @@ def mesh_blocks(
         ]
         for g in grids
     )
-    return mesh_two_blocks_of_tetrahedra(lower, upper, curvatures, GAP)
+    return mesh_two_blocks_in_space(cell, lower, upper, curvatures, GAP)
 
 
 def compare_patch_with_exact(
