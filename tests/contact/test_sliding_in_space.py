@@ -16,7 +16,7 @@ from tests.contact.sides_in_space import (
     make_mortar_of_flat_sides,
     slave_mask,
 )
-
+from tests.oracle.sliding_in_space import mortar_matrices_normals_and_areas
 
 # numbers of vertices of the facets of slave and master
 FACET_PAIRINGS = [(3, 3), (3, 4), (4, 3), (4, 4)]
@@ -363,6 +363,30 @@ def test_a_uniform_pressure_is_transferred_exactly_between_distorted_flat_meshes
     assert inner.sum() > 8
     assert np.abs(received / areas - 1)[inner].max() < QUADRATURE_ERROR
     assert np.abs(projected.areas / compute_tributary_areas(slave, revolved=False) - 1).max() < 1e-9
+
+
+@pytest.mark.parametrize("n_corners", FACET_PAIRINGS)
+def test_integrals_agree_with_those_of_plain_loops(n_corners):
+    """The oracle of the tests computes the same normals, areas, distances and fractions."""
+    mortar = make_mortar_of_curved_sides(1, (2, 2), n_corners=n_corners)
+    x = mortar.x + np.random.default_rng(23).normal(size=mortar.x.shape) * 0.006
+    x -= slave_mask(mortar) * [0.8, 0.6, 0.0]
+    sides, m = mortar.sides, mortar.n_slave_nodes
+    slave = sides.slave_sub_facets, np.repeat(sides.slave_facets, 4, axis=0)
+    master = sides.master_sub_facets, np.repeat(sides.master_facets, 4, axis=0)
+    fractions, distances, normals, areas = mortar_matrices_normals_and_areas(x, slave, master, m)
+    projected = mortar.linearise(x)
+    assert 0 < projected.faces_master.sum() < m
+    assert np.abs(projected.normals - normals).max() < 1e-13
+    for values, expected in (
+        (projected.areas, areas),
+        (projected.areas[:, None] * projected.distance_rows.toarray(), areas[:, None] * distances),
+        (
+            projected.areas[:, None] * projected.master_fractions.toarray(),
+            areas[:, None] * fractions,
+        ),
+    ):
+        assert np.abs(values - expected).max() < QUADRATURE_ERROR * areas.max()
 
 
 @pytest.mark.parametrize("shear", [0.0, 0.3, 0.6, 0.95])

@@ -61,9 +61,12 @@ def unit(vector):
     return vector / np.sqrt(vector @ vector)
 
 
-def area_vector(triangle):
-    """Return the area of a triangle (3, 3) times its normal, around which corners are ordered."""
-    return np.cross(triangle[1] - triangle[0], triangle[2] - triangle[0]) / 2
+def area_vector(polygon):
+    """Return the area of a polygon (k, 3) times its normal, around which corners are ordered."""
+    origin = polygon[0]
+    return sum(
+        np.cross(start - origin, end - origin) / 2 for start, end in itertools.pairwise(polygon[1:])
+    )
 
 
 def inward_nodal_normals(x, triangles):
@@ -97,6 +100,20 @@ def barycentric_coordinates(point, triangle, normal):
     return np.array(parts) / whole
 
 
+def bilinear_functions(point, corners):
+    """Return the bilinear functions (4,) of a flat quadrilateral (4, 3) at a point of its plane."""
+    a, b, c, d = corners
+    u, v = 0.5, 0.5
+    for _ in range(30):
+        w = np.array([(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v])
+        slopes = [(1 - v) * (b - a) + v * (c - d), (1 - u) * (d - a) + u * (c - b)]
+        step = np.linalg.lstsq(np.column_stack(slopes), point - w @ corners)[0]
+        u, v = u + step[0], v + step[1]
+        if np.abs(step).max() < 1e-14:
+            break
+    return np.array([(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v])
+
+
 # barycentric coordinates of the nodes of a facet; and a rule on triangles, with the weights of the
 # corners at each point and fractions of the area
 FACET_NODES = np.array(
@@ -104,49 +121,77 @@ FACET_NODES = np.array(
 )
 CUBIC_RULE = [([1 / 3, 1 / 3, 1 / 3], -27 / 48)]
 CUBIC_RULE += [(np.roll([0.6, 0.2, 0.2], k), 25 / 48) for k in range(3)]
+# coordinates of the nodes of a facet with nine nodes; and a rule of products of Gauss rules
+SQUARE_FACET_NODES = np.array(
+    [[0, 0], [1, 0], [0, 1], [1, 1], [0.5, 0], [0, 0.5], [1, 0.5], [0.5, 1], [0.5, 0.5]]
+)
+GAUSS_RULE = [
+    ((1 + t) / 2, w / 2) for t, w in zip(*np.polynomial.legendre.leggauss(9), strict=True)
+]
+PRODUCT_RULE = [
+    (np.array([s, (1 - s) * t, (1 - s) * (1 - t)]), 2 * (1 - s) * w_s * w_t)
+    for s, w_s in GAUSS_RULE
+    for t, w_t in GAUSS_RULE
+]
 
 
 def quadratic_functions(weights, triangle, facet):
-    """Return the functions (6,) of a facet's nodes at a point of one of its triangles.
+    """Return the functions (6,) or (9,) of a facet's nodes at a point of one of its parts.
 
-    The weights (3,) are those of the corners of the triangle at the point. The triangle (3,) and
-    the facet (6,) are numbers of nodes.
+    The weights (k,) are those of the corners of the part at the point. The part (k,) and the facet
+    are numbers of nodes.
     """
+    if len(facet) == 9:
+        position = weights @ SQUARE_FACET_NODES[[list(facet).index(node) for node in triangle]]
+        along = [
+            {0.0: (1 - t) * (1 - 2 * t), 0.5: 4 * t * (1 - t), 1.0: t * (2 * t - 1)}
+            for t in position
+        ]
+        return np.array([along[0][u] * along[1][v] for u, v in SQUARE_FACET_NODES.tolist()])
     b = weights @ FACET_NODES[[list(facet).index(node) for node in triangle]]
     vertices = b * (2 * b - 1)
     return np.append(vertices, 4 * np.array([b[1] * b[2], b[0] * b[2], b[0] * b[1]]))
 
 
 def integrate_products_over_overlap(x, slave_nodes, master_nodes, facets):
-    """Return integrals over the part of a slave triangle facing a master's.
+    """Return integrals over the part of a slave triangle or quadrilateral facing a master's.
 
-    The corners (3,) of both triangles are ordered as seen from outside of their bodies. `facets`
-    are the nodes (6,) of the facets of both. The positions of all nodes are x.
+    The corners of both, (k,) and (l,), are ordered as seen from outside of their bodies. `facets`
+    are the nodes of the facets of both. The positions of all nodes are x.
 
-    The results are the integrals W (3, 3) and Q (3, 3), and those of the slave's linear functions
-    times the quadratic functions of the slave's facet (3, 6) and of the master's (3, 6).
+    The results are the integrals W (k, k) and Q (k, l), and those of the slave's linear or bilinear
+    functions times the quadratic functions of the slave's facet and of the master's.
     """
     slave, master = x[slave_nodes], x[master_nodes]
-    W, Q, n = np.zeros((3, 3)), np.zeros((3, 3)), unit(area_vector(slave))
-    curved = np.zeros((2, 3, 6))
+    k, n = len(slave), unit(area_vector(slave))
+    W, Q = np.zeros((k, k)), np.zeros((k, len(master)))
+    curved = [np.zeros((k, len(facet))) for facet in facets]
+    rule = CUBIC_RULE if k + len(master) == 6 else PRODUCT_RULE
     if n @ unit(area_vector(master)) > -0.01:
         return W, Q, *curved
-    flat_master = np.array([x - (n @ (x - slave[0])) * n for x in master])
+    flat_slave, flat_master = (
+        np.array([point - (n @ (point - slave[0])) * n for point in side])
+        for side in (slave, master)
+    )
     polygon = list(flat_master[::-1])
-    for j in range(3):
-        edge = slave[(j + 1) % 3] - slave[j]
-        polygon = cut_polygon(polygon, slave[j], np.cross(n, edge))
+    for j in range(k):
+        edge = flat_slave[(j + 1) % k] - flat_slave[j]
+        polygon = cut_polygon(polygon, flat_slave[j], np.cross(n, edge))
     for second, third in itertools.pairwise(polygon[1:]):
         corners = np.array([polygon[0], second, third])
         area = n @ area_vector(corners)
-        for fractions, factor in CUBIC_RULE:
+        for fractions, factor in rule:
             point = fractions @ corners
-            w = barycentric_coordinates(point, slave, n)
-            w_master = barycentric_coordinates(point, flat_master, n)
+            w, w_master = (
+                barycentric_coordinates(point, side, n)
+                if len(side) == 3
+                else bilinear_functions(point, side)
+                for side in (flat_slave, flat_master)
+            )
             W += factor * area * np.outer(w, w)
             Q += factor * area * np.outer(w, w_master)
-            for k, pair in enumerate(((w, slave_nodes), (w_master, master_nodes))):
-                curved[k] += factor * area * np.outer(w, quadratic_functions(*pair, facets[k]))
+            for i, pair in enumerate(((w, slave_nodes), (w_master, master_nodes))):
+                curved[i] += factor * area * np.outer(w, quadratic_functions(*pair, facets[i]))
     return W, Q, *curved
 
 
@@ -155,12 +200,13 @@ def mortar_matrices_normals_and_areas(x, slave_side, master_side, m):
 
     P distributes the slave's forces to the master's nodes, and S gives the distances between both
     sides (see the module). The slave's m nodes come first in the positions x (m + k, 3). A side is
-    a pair: the corners (f, 3) of triangles, and the nodes (f, 6) of the facet of each.
+    a pair: the corners (f, k) of triangles or quadrilaterals, and the nodes of the facet of each.
     """
     slave_triangles = slave_side[0]
     D, S, P = np.zeros(m), np.zeros((m, len(x))), np.zeros((m, len(x) - m))
     for slave, slave_facet in zip(*slave_side, strict=True):
-        W, Q, distance = np.zeros((3, 3)), np.zeros((3, len(x))), np.zeros((3, len(x)))
+        k = len(slave)
+        W, Q, distance = np.zeros((k, k)), np.zeros((k, len(x))), np.zeros((k, len(x)))
         for master, master_facet in zip(*master_side, strict=True):
             part_W, part_Q, own, other = integrate_products_over_overlap(
                 x, slave, master, (slave_facet, master_facet)
