@@ -9,6 +9,7 @@ from dolfinx.mesh import CellType, create_box, create_mesh
 from pw_elements import Body, Material, Spaces, prescribe
 from pw_elements._compat import cell_geometry_nodes
 from pw_elements.contact import ContactPair, ContactProblem, DeformableSurface
+from pw_elements.spaces import is_hybrid
 from tests.contact.cases import make_finite_strain_unknown_and_residual, on_plane
 from tests.contact.two_bodies import join_meshes
 
@@ -100,8 +101,8 @@ class BlocksInSpace:
     @property
     def owned_positions(self):
         """Return the undeformed positions (n, 3) of the nodes of this process."""
-        n_owned = self.space.dofmap.index_map.size_local
-        return self.space.tabulate_dof_coordinates()[:n_owned]
+        space = self.space.sub(0).collapse()[0] if is_hybrid(self.space) else self.space
+        return space.tabulate_dof_coordinates()[: space.dofmap.index_map.size_local]
 
     def make_problem(self, pair=None, **options):
         return ContactProblem.of_residual(
