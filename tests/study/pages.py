@@ -2,7 +2,8 @@
 
 A path is a page or a folder of pages, e.g. the site. The check reports links and anchors without a
 target, images that are missing or have no alternative text, files loaded from other sites, and
-unrendered template code, LaTeX or Markdown in the text. It needs only Python's standard library.
+unrendered template code, LaTeX or Markdown, and doubled words in the text. It needs only Python's
+standard library.
 """
 
 import re
@@ -14,10 +15,11 @@ from urllib.parse import unquote, urlsplit
 
 URL_ATTRIBUTES = ("href", "src", "srcset")
 VERBATIM_TAGS = {"code", "pre", "script", "style", "annotation", "textarea"}
-UNRENDERED_MARKUP_PATTERNS = {
+TEXT_FAULT_PATTERNS = {
     "a template": re.compile(r"\{\{|\{%|%\}|\{#|\bUndefined\b"),
     "LaTeX": re.compile(r"\\(?:[A-Za-z]{2,}|[,;!({[])|\$\$|\$\\"),
     "Markdown": re.compile(r"\]\((?:https?:|\.\./|\w+\.md)|^```", re.MULTILINE),
+    "a doubled word": re.compile(r"(?<![\w-])([A-Za-z]{2,}) \1\b"),
 }
 
 PAGE_BODIES_BY_FAULT = {
@@ -29,6 +31,7 @@ PAGE_BODIES_BY_FAULT = {
     "text has a template": "<p>{{ value }}</p>",
     "text has LaTeX": r"<p>\textstyle x</p>",
     "text has Markdown": "<p>[x](../x.md)</p>",
+    "text has a doubled word": '<p>as in section <a href="#a" id="a">section 1</a></p>',
 }
 """Map from each fault that the check has to report to the body of a page with this fault."""
 
@@ -104,7 +107,7 @@ def _find_page_faults(path: Path, page: Page, pages: dict[Path, Page]) -> list[s
             faults.append(f"{fault_kind}: {reference}")
         elif anchor and file in pages and anchor not in pages[file].attribute_values("id", "name"):
             faults.append(f"anchor leads nowhere: {reference}")
-    for kind, pattern in UNRENDERED_MARKUP_PATTERNS.items():
+    for kind, pattern in TEXT_FAULT_PATTERNS.items():
         if leftover := pattern.search(page.text):
             context = page.text[max(0, leftover.start() - 30) : leftover.end() + 30]
             faults.append(f"text has {kind}: {' '.join(context.split())}")

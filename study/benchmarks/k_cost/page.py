@@ -66,7 +66,7 @@ A script (`python3 -m study.publish.renew_records`) runs each row in separate pr
 under version control and read by this section; nothing is measured when the report is built. Seconds are CPU time,
 the median of three runs or, for long runs, a single one. CalculiX solves the contact problem of the block on the rigid
 plane with one thread and surface-to-surface contact of its C3D10 elements; the record also has two bodies that slide,
-for section {{ ref("V18") }}.
+for {{ ref("V18") }}.
 
 Two problems are also solved by other programs, on the same meshes, with the same loads, motions and increments: the
 block by CalculiX {{ cite("calculix") }}, and neo-Hookean rubber in plane strain that a rough rigid cylinder

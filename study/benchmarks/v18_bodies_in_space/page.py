@@ -47,7 +47,7 @@ FACTS = {
 # Problem
 
 PROBLEM = r"""
-As in section {{ ref("V17") }}, but in space: two bodies of tetrahedra or hexahedra, whose meshes do not match, slide and turn at large
+As in {{ ref("V17") }}, but in space: two bodies of tetrahedra or hexahedra, whose meshes do not match, slide and turn at large
 strains.
 """
 
@@ -76,7 +76,7 @@ METHOD = r"""
 Weights are linear on triangles between all nodes, and bilinear on quadrilaterals of H27; distances are those of the curved facets. The library refuses standard
 elements, which have other weights; here the same mortar transfers their forces. Dual quadratic multipliers need another
 basis of displacements in space, because the weights of corners have no mean; only their transfer of a uniform pressure
-between flat sides is computed, as in section {{ ref("V11") }}.
+between flat sides is computed, as in {{ ref("V11") }}.
 
 Pressures are nodal forces over the integrals of the nodes' own weights on the deformed facets. Nodes with less than 2 % of
 the largest weight, which are corners of the standard T10, have none. The radius of Hertz' contact follows from the mean of
