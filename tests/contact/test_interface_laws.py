@@ -6,6 +6,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from dolfinx.mesh import create_box
 from scipy.optimize import brentq
 
 from pw_elements import Sibling, Spaces, SurfaceNodes, prescribe
@@ -228,6 +229,37 @@ def test_friction_falls_with_pressure_and_path():
             atol=1e-9 * pair.force_normal.max(),
         )
         np.testing.assert_allclose(pair.law_history[:, 2], path, rtol=1e-12)
+
+
+@pytest.mark.parametrize("method", [PETROV_GALERKIN, GALERKIN])
+def test_friction_of_tetrahedra_falls_with_pressure_and_path(method):
+    """The weights of vertices of standard tetrahedra vanish: such nodes have no pressure."""
+    mesh = create_box(MPI.COMM_SELF, [[0.0, 0.0, 0.0], [WIDTH, WIDTH, HEIGHT]], [3, 3, 3])
+    block = ElasticBody(mesh, method, "solid", E=E, nu=0.0)
+    top = on_plane(2, HEIGHT)
+    supports = block.make_supports((0, top), (1, top), (2, top, -0.05))
+    floor = ContactPair(
+        on_plane(2, 0.0),
+        Plane((0, 0, 0), (0, 0, 1)),
+        interface_law=UnilateralContact(falling_friction),
+    )
+    problem = block.contact_problem(floor, supports)
+    pressed = problem.step(problem.undeformed)
+    (pair,) = problem.step(pressed, motions=Motion((0.2, 0.1, 0.0))).pairs
+    weights = SurfaceNodes.from_body(block.body, on_plane(2, 0.0)).weight_area
+    has_weight = weights > 1e-10 * weights.max()
+    assert has_weight.all() == (method is PETROV_GALERKIN)
+    pressure = np.where(has_weight, pair.force_normal / np.where(has_weight, weights, 1.0), 0.0)
+    slip = np.linalg.norm(pair.slip, axis=1)
+    slides = (pair.status != OPEN) & (slip > 0.01)
+    assert slides.sum() > 20
+    mu, _, _ = falling_friction(pressure[slides], slip[slides])
+    directions = pair.slip[slides] / slip[slides, None]
+    np.testing.assert_allclose(
+        pair.force_tangential[slides],
+        -(mu * pair.force_normal[slides])[:, None] * directions,
+        atol=1e-9 * pair.force_normal.max(),
+    )
 
 
 def test_regularised_friction_slips_as_far_as_its_force_demands():

@@ -54,6 +54,9 @@ _MAX_PROBED_NODES_PER_PROCESS = 50
 # Largest part of the softening branch that a node may pass in one step. A state beyond a snap-back
 # is at the end of the branch, however small the step is
 _MAX_SOFTENED_FRACTION_PER_STEP = 0.25
+# Integrals of weight functions that are smaller, relative to the largest one, are round-off. In
+# space, lengths of facets may thus differ by a factor of a million
+_RELATIVE_ROUND_OFF_OF_WEIGHTS = 1e-13
 
 
 class InterfaceLawsOfPairs:
@@ -309,6 +312,9 @@ def integrate_weight_functions(
 ) -> Array:
     """Return integrals (k,) of the weight functions of nodes over the facets they span; collective.
 
+    Integrals that vanish but for round-off, as those of the vertices of standard quadratic
+    tetrahedra do, are zero: a force divided by round-off would be no pressure.
+
     Args:
         space: space of the displacements.
         nodes: (k,), owned nodes of one pair.
@@ -326,7 +332,10 @@ def integrate_weight_functions(
     if is_axisymmetric:
         depth = 2 * np.pi * ufl.SpatialCoordinate(space.mesh)[0]
     form = depth * ufl.TestFunction(weights) * boundary_measure(space.mesh, facets)
-    return np.array(assemble_vector(form).array_r[nodes])
+    integrals = np.array(assemble_vector(form).array_r[nodes])
+    sizes = np.abs(integrals)
+    largest = comm.allreduce(sizes.max(initial=0.0), MPI.MAX)
+    return np.where(sizes > _RELATIVE_ROUND_OFF_OF_WEIGHTS * largest, integrals, 0.0)
 
 
 def describe_weight_functions(
