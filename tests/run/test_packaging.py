@@ -1,5 +1,6 @@
 """The metadata of the package; .ci/package builds the package and checks its contents."""
 
+import datetime
 import json
 import os
 import re
@@ -28,8 +29,12 @@ def test_the_version_is_the_same_in_all_files():
     assert dynamic["version"]["attr"] == "pw_elements.__version__"
     assert re.fullmatch(r"\d+\.\d+\.\d+", pw_elements.__version__)
     assert f"\nversion: {pw_elements.__version__}\n" in read_project_file("CITATION.cff")
-    versions = re.findall(r"^## (\S+)", read_project_file("CHANGELOG.md"), re.M)
-    assert versions[0] == pw_elements.__version__
+    releases = re.findall(r"^## (\S+) \((.*)\)$", read_project_file("CHANGELOG.md"), re.M)
+    version, date = releases[0]
+    assert version == pw_elements.__version__
+    assert f"\ndate-released: {datetime.date.fromisoformat(date)}\n" in read_project_file(
+        "CITATION.cff"
+    )
 
 
 def test_every_folder_of_the_library_is_packaged_and_typed():
