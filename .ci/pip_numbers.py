@@ -27,6 +27,7 @@ def compute_numbers(file: Path) -> None:
     import dolfinx
     import numpy as np
 
+    import pw_elements
     from pw_elements import Body, Material, Reduction, Spaces, assemble_matrix, prescribe
     from pw_elements.contact import ContactPair, Motion, Plane, solve_contact
     from pw_elements.meshes import quadrilaterals
@@ -47,7 +48,8 @@ def compute_numbers(file: Path) -> None:
             values = getattr(state.pairs[0], name)
             numbers[f"increment {number}, {name}"] = values.ravel().tolist()
     if MPI.COMM_WORLD.rank == 0:
-        label = f"{Path(dolfinx.__path__[0])}: DOLFINx {dolfinx.__version__}"
+        label = f"{pw_elements.__path__[0]} {pw_elements.__version__}"
+        label += f" with {dolfinx.__path__[0]} {dolfinx.__version__}"
         label += f", {MPI.COMM_WORLD.size} process(es)"
         file.write_text(json.dumps({"label": label, "numbers": numbers}), "utf-8")
 

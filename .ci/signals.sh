@@ -1,5 +1,5 @@
 # shellcheck shell=bash
-# Sourced by .ci/run, .ci/nightly, .ci/pip and .ci/dolfinx-0.11: a signal ends the script and the command that it is
+# Sourced by .ci/run, .ci/build, .ci/nightly, .ci/pip and .ci/dolfinx-0.11: a signal ends the script and the command that it is
 # running, which in turn ends its own descendants. A shell that waits for a foreground command would defer the signal, or
 # leave the command running.
 #

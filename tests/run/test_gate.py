@@ -41,6 +41,16 @@ def test_every_ci_step_is_described_and_has_a_function():
         assert re.search(rf"^run_{re.sub(r'[-.]', '_', step)}\(\)", text, re.MULTILINE), step
 
 
+def test_every_shell_script_is_linted():
+    scripts = {
+        str(path.relative_to(ROOT))
+        for path in CI_SCRIPT.parent.iterdir()
+        if path.suffix == ".sh" or path.read_bytes().startswith(b"#!/usr/bin/env bash")
+    }
+    (line,) = re.findall(r"^  step shellcheck (.*)$", CI_SCRIPT.read_text(), re.MULTILINE)
+    assert set(line.split()) == scripts | {"run"}
+
+
 def test_ci_steps_are_logged_under_their_names(folder_with_ci_script):
     """Steps are logged under their names, whatever variables a step sets."""
     (folder_with_ci_script / "results").mkdir()

@@ -1,6 +1,8 @@
-"""The metadata of the package; .ci/package builds the package and checks its contents."""
+"""The metadata of the package, and the contents of what .ci/build builds."""
 
 import datetime
+import importlib.util
+import io
 import json
 import os
 import re
@@ -8,7 +10,9 @@ import shutil
 import subprocess
 import sys
 import sysconfig
+import tarfile
 import tomllib
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -230,6 +234,54 @@ def test_numbers_of_the_wheel_are_compared_with_a_tolerance(tmp_path):
     assert compare(1.0 + 3e-9) == 0
     assert compare(1.0 + 5e-9) == 1
     assert compare(float("nan")) == 1
+
+
+def write_distributions(folder, contents):
+    """Write an sdist and a wheel with the same contents, by names of files."""
+    with (
+        tarfile.open(folder / "toy-1.0.tar.gz", "w:gz") as sdist,
+        zipfile.ZipFile(folder / "toy-1.0-py3-none-any.whl", "w") as wheel,
+    ):
+        for name, content in contents.items():
+            member = tarfile.TarInfo(f"toy-1.0/{name}")
+            member.size = len(content)
+            sdist.addfile(member, io.BytesIO(content))
+            wheel.writestr(name, content)
+
+
+def test_faults_of_a_distribution_are_found(tmp_path):
+    specification = importlib.util.spec_from_file_location(
+        "distributions", ROOT / ".ci" / "distributions.py"
+    )
+    distributions = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(distributions)
+    good_contents = {"toy/a.py": b"x = 1\n", "toy/data.txt": b"2", "toy.egg-info/SOURCES": b"3"}
+    local_path = "/home/somebody/project/"
+    changes = {
+        "": {},
+        "contains results/V2/a.json, which Git does not track": {"results/V2/a.json": b"{}"},
+        "contains toy/b.pyc, which Git does not track": {"toy/b.pyc": b"4"},
+        "lacks toy/data.txt": {"toy/data.txt": None},
+        f": toy/a.py contains the path {local_path}": {
+            "toy/a.py": b"x = '/home/somebody/project/'"
+        },
+        f": toy.egg-info/SOURCES contains the path {local_path}": {
+            "toy.egg-info/SOURCES": b"/home/somebody/project/toy/a.py"
+        },
+    }
+    for fault, change in changes.items():
+        contents = {k: v for k, v in (good_contents | change).items() if v is not None}
+        write_distributions(tmp_path, contents)
+        for read, path in (
+            (distributions.read_sdist, tmp_path / "toy-1.0.tar.gz"),
+            (distributions.read_wheel, tmp_path / "toy-1.0-py3-none-any.whl"),
+        ):
+            assert read(path) == contents
+            faults = distributions.find_faults(
+                path.name, read(path), {"toy/a.py", "toy/data.txt"}, [local_path]
+            )
+            assert len(faults) == bool(fault), faults
+            assert all(line.startswith(path.name) and line.endswith(fault) for line in faults)
 
 
 def test_linters_have_the_same_version_in_every_check():

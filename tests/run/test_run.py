@@ -514,6 +514,7 @@ def test_shell_scripts_pass_shellcheck():
             "shellcheck",
             "run",
             ".ci/run",
+            ".ci/build",
             ".ci/nightly",
             ".ci/package",
             ".ci/user-elements",
