@@ -21,6 +21,7 @@ from pw_elements.solvers.iterative import (
 from pw_elements.solvers.matrices import (
     ConstrainedOperator,
     ConstraintProjection,
+    StiffnessWithAddedMatrix,
     Supports,
     add_scaled,
     block_diagonal_matrix,

@@ -131,21 +131,25 @@ def collect_garbage(object_of_communicator: PETSc.Object) -> None:
 
 
 def block_diagonal_matrix(
-    blocks: Array, local_and_global_size: tuple[int, int], comm: PETSc.Comm
+    blocks: Array,
+    row_sizes: tuple[int, int],
+    comm: PETSc.Comm,
+    column_sizes: tuple[int, int] | None = None,
 ) -> PETSc.Mat:
     """Return a block-diagonal matrix.
 
     Args:
-        blocks: blocks (nodes, b, b) on the diagonal at this process' nodes.
-        local_and_global_size: local and global number of rows.
+        blocks: blocks (nodes, b, c) on the diagonal at this process' nodes.
+        row_sizes: local and global number of rows.
         comm: communicator of the matrix.
+        column_sizes: local and global number of columns; by default that of the rows.
     """
-    n, b = blocks.shape[:2]
+    n, b, c = blocks.shape
     offset = comm.tompi4py().exscan(n) or 0
-    indptr = b * np.arange(n * b + 1, dtype=PETSc.IntType)
-    columns = np.arange(offset * b, (offset + n) * b).reshape(n, 1, b).repeat(b, axis=1)
+    indptr = c * np.arange(n * b + 1, dtype=PETSc.IntType)
+    columns = np.arange(offset * c, (offset + n) * c).reshape(n, 1, c).repeat(b, axis=1)
     csr = (indptr, columns.ravel().astype(PETSc.IntType), blocks.ravel())
-    return PETSc.Mat().createAIJ((local_and_global_size, local_and_global_size), csr=csr, comm=comm)
+    return PETSc.Mat().createAIJ((row_sizes, column_sizes or row_sizes), csr=csr, comm=comm)
 
 
 def identity_with_free_columns(
@@ -298,6 +302,32 @@ class Supports:
 
     space: fem.FunctionSpace
     free: Mask
+
+
+class StiffnessWithAddedMatrix:
+    """Sum K + S of a stiffness and another matrix, as the Python context of a PETSc matrix.
+
+    Args:
+        K: stiffness (n, n).
+
+    Attributes:
+        added: matrix S (n, n), which may be replaced by one with another sparsity pattern; None
+            for zero.
+    """
+
+    def __init__(self, K: PETSc.Mat) -> None:
+        self._K = K
+        self.added: PETSc.Mat | None = None
+
+    def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        self._K.mult(x, y)
+        if self.added is not None:
+            self.added.multAdd(x, y, y)
+
+    def multTranspose(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        self._K.multTranspose(x, y)
+        if self.added is not None:
+            self.added.multTransposeAdd(x, y, y)
 
 
 class ConstraintProjection:

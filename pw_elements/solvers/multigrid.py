@@ -133,6 +133,7 @@ class LinearCoarseLevel:
         self._contact_rows: _InterpolationNearContact | None = None
         self._matrix: PETSc.Mat | None = None
         self._spring_part: PETSc.Mat | None = None  # P^T B P with the springs B
+        self.has_changed_spring_pattern = False  # whether the matrix lacks entries for the springs
         self._replaceable: PETSc.Mat | None = None  # other part of the matrix that contact changes
 
     def set_contact_nodes_once(self, nodes: Indices) -> None:
@@ -183,7 +184,9 @@ class LinearCoarseLevel:
         part = None
         if self.springs is not None:
             self._spring_part = galerkin_product(self.springs, self._P)
-            self._add_spring_part(1.0, same_pattern=has_pattern)
+            same_pattern = has_pattern and not self.has_changed_spring_pattern
+            self._add_spring_part(1.0, same_pattern)
+            self.has_changed_spring_pattern = False
         elif contact is not None:
             left = block_diagonal_matrix(
                 self._fine.free_projectors(contact.nodes), contact.P.getSizes()[0], comm
@@ -429,6 +432,10 @@ class Multigrid:
         self._has_eigenvalues = False
         self._discard_coarse_matrix(with_aggregates=True)
 
+    def announce_changed_spring_pattern(self) -> None:
+        """Announce that the springs of the next active set may connect other nodes."""
+        self._linear.has_changed_spring_pattern = True
+
     def re_estimate_smoother_eigenvalues(self) -> None:
         """Estimate the smoother's eigenvalues again, for the current constraints."""
         self._has_eigenvalues = False
@@ -486,13 +493,20 @@ class Multigrid:
         counts = np.array([is_constrained.sum(), coarse_differs.sum(), aggregates_differ.sum()])
         self.block_matrix.comm.tompi4py().Allreduce(MPI.IN_PLACE, counts, MPI.SUM)
         self._smoother.update_constrained_blocks(self._projection, springs)
-        if is_first_call or counts[1] > _CHANGED_NODE_FRACTION_TO_REBUILD_COARSE * counts[0]:
+        lacks_springs = springs is not None and self._coarse is None
+        if (
+            is_first_call
+            or lacks_springs
+            or counts[1] > _CHANGED_NODE_FRACTION_TO_REBUILD_COARSE * counts[0]
+        ):
             self._coarse_projectors = projectors
             self._linear.springs = springs
             if springs is None:
                 self._linear.set_constrained_directions(nodes, projectors, stiffnesses)
             with_aggregates = (
-                is_first_call or counts[2] > _CHANGED_NODE_FRACTION_TO_REAGGREGATE * counts[0]
+                is_first_call
+                or self._linear.has_changed_spring_pattern
+                or counts[2] > _CHANGED_NODE_FRACTION_TO_REAGGREGATE * counts[0]
             )
             if with_aggregates:
                 self._aggregate_projectors = projectors

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import ufl
 
-from pw_elements import Iterative, Spaces, prescribe
+from pw_elements import Spaces, prescribe
 from pw_elements.contact import (
     OPEN,
     SLIP,
@@ -559,8 +559,6 @@ def test_unsupported_pairs_are_refused():
     for residual, pair, message in cases:
         with pytest.raises(ValueError, match=message):
             make_problem(residual, bodies.u, bodies.conditions, pair)
-    with pytest.raises(ValueError, match="does not support two bodies"):
-        make_problem(bodies.residual, bodies.u, bodies.conditions, bodies.pair, Iterative())
     with pytest.raises(ValueError, match="cannot have free motions"):
         bodies.problem.step(bodies.problem.undeformed, motions=Motion((0.0, None)))
     distant_pair = ContactPair(on_plane(1, 1.0), bodies.pair.surface)

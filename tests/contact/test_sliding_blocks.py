@@ -9,7 +9,7 @@ from dolfinx import fem
 from dolfinx.mesh import CellType
 from scipy.spatial.transform import Rotation
 
-from pw_elements import Iterative, prescribe
+from pw_elements import prescribe
 from pw_elements.contact import (
     OPEN,
     SLIP,
@@ -343,7 +343,5 @@ def test_unsupported_pairs_are_refused():
     for case_surface, changes, message in cases:
         with pytest.raises(ValueError, match=message):
             blocks.make_problem(replace(blocks.pair, surface=case_surface, **changes))
-    with pytest.raises(ValueError, match="does not support two bodies"):
-        blocks.make_problem(solver=Iterative())
     with pytest.raises(ValueError, match="cannot have free motions"):
         blocks.problem.step(blocks.problem.undeformed, motions=Motion((0.0, 0.0, None)))

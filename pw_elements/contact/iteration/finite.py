@@ -358,11 +358,9 @@ class SlidingBodiesEquilibrium(LargeStrainEquilibrium):
     def _set_contact_system_tangent(
         self, body_tangent: PETSc.Mat, torque_map: TorqueMap
     ) -> PETSc.Mat:
-        tangent = self._mortars.assemble_stiffness_of_force_operator_change(
+        force_change = self._mortars.assemble_stiffness_of_force_operator_change(
             self._system.split_residual_into_contact_and_unbalanced_forces(self._residual)[0]
         )
-        tangent.axpy(1.0, body_tangent, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        self._system.update_stiffness_and_motion_operator(
-            tangent, torque_map, self._mortars.motion_operator
+        return self._system.update_stiffness_and_motion_operator(
+            body_tangent, force_change, torque_map, self._mortars.motion_operator
         )
-        return tangent

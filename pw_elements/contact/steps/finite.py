@@ -184,11 +184,6 @@ class LargeStrainStepping:
         )
         remedy = "give -F, the forces of stresses less those of loads"
         check_stiffness_sign(problem.system.tangent, self.interface, remedy)
-        if self.interface.mortars and has_separate_supports(solver):
-            raise ValueError(
-                "Iterative() does not support two bodies at large sliding, whose stiffness changes "
-                "its pattern: use Direct()"
-            )
         self.space = self.interface.field.space
         self._supports = BodySupports(
             self.interface, self._whole_space, conditions, self._apply_load

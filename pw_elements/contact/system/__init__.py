@@ -5,7 +5,7 @@ from pw_elements.contact.system.assembled import (
     extract_local_rows,
     make_map_from_free_motions_to_points,
 )
-from pw_elements.contact.system.equilibrium import Equilibrium
+from pw_elements.contact.system.interfaces import Equilibrium
 from pw_elements.contact.system.solution import ContactSystemSolution, LinearSolveAccuracy
 from pw_elements.contact.system.system import (
     NO_COST,

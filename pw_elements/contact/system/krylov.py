@@ -10,7 +10,7 @@ The module guarantees that the residual divided by the contact forces is as smal
 accuracy, or as small as round-off permits. It assumes that no surface is free to rotate.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from mpi4py import MPI
@@ -92,7 +92,7 @@ class KrylovTangent:
         supports: supports of the body.
         points: contact points.
         matrix_free_solver: solver of the linear systems.
-        supported_stiffness: stiffness with the supports applied. `release` destroys it.
+        owned_matrices: matrices that `release` destroys.
     """
 
     solves_exactly = False
@@ -103,9 +103,9 @@ class KrylovTangent:
         supports: Supports,
         points: ContactPointOperators,
         matrix_free_solver: SeparateSupportsSolver,
-        supported_stiffness: PETSc.Mat,
+        owned_matrices: Sequence[PETSc.Mat],
     ) -> None:
-        self._supported_stiffness, self._supports = supported_stiffness, supports
+        self._owned_matrices, self._supports = owned_matrices, supports
         self._points = points
         self._comm: MPI.Comm = K.comm.tompi4py()
         self.solver: PreparedSolver = matrix_free_solver.prepare(K, supports=supports)
@@ -128,16 +128,13 @@ class KrylovTangent:
         inner = krylov.ksp.getPC()
         self._spring_preconditioner: SpringPreconditioner | None = None
         self._bordered_preconditioner: BorderedPreconditioner | None = None
-        if points.opposite_force is not None:
-            displacement_points, displacement_pc = points, inner
-            if block_preconditioner:
-                displacement_points = points.restrict_to_displacements(
-                    block_preconditioner.displacements
-                )
-                displacement_pc = block_preconditioner.displacement_pc
+        if points.has_two_bodies:
+            displacement_pc = (
+                block_preconditioner.displacement_pc if block_preconditioner else inner
+            )
             self._spring_preconditioner = SpringPreconditioner(
                 displacement_pc,
-                displacement_points,
+                self._restrict_points_to_displacements(points),
                 krylov.displacement_block[0],
                 self._matrix_free_operator.elimination,
             )
@@ -148,10 +145,7 @@ class KrylovTangent:
             else:
                 inner = spring_pc
         if points.n_translations:
-            self._balance_rows = [
-                points.sum_force_rows(stiffness, points.free_translation == j) * supports.free
-                for j in range(points.n_translations)
-            ]
+            self._balance_rows = self._sum_forces_that_balance_translations()
             self._bordered_preconditioner = BorderedPreconditioner(
                 inner, points.n_translations, self._comm, K.createVecRight()
             )
@@ -201,6 +195,43 @@ class KrylovTangent:
         if self._wasted_operations >= self._setup_operations:
             self._krylov.preconditioner.update_for_changed_matrix()
             self._operations_per_digit = None
+
+    def update_stiffness_and_points(
+        self, points: ContactPointOperators, added_stiffness: PETSc.Mat
+    ) -> None:
+        """Update the operators of the contact points after the stiffness has changed.
+
+        Args:
+            points: operators of the same contact points.
+            added_stiffness: matrix (n, n) that is added to the stiffness, but is not contained in
+                the multigrid levels.
+        """
+        self._points = points
+        self._matrix_free_operator.set_points(points, added_stiffness)
+        assert self._spring_preconditioner is not None, "only two bodies slide on each other"
+        self._spring_preconditioner.set_points(self._restrict_points_to_displacements(points))
+        self._multigrid.announce_changed_spring_pattern()
+        if points.n_translations:
+            self._balance_rows = self._sum_forces_that_balance_translations()
+        if self._anchor_nodes is not None:
+            self._anchor_nodes.choose_nodes(points)
+        self.update_stiffness()
+
+    def _restrict_points_to_displacements(
+        self, points: ContactPointOperators
+    ) -> ContactPointOperators:
+        if self._block_preconditioner is None:
+            return points
+        return points.restrict_to_displacements(self._block_preconditioner.displacements)
+
+    def _sum_forces_that_balance_translations(self) -> list[Array]:
+        """Return the row (n,) of the sum of contact forces along each free translation."""
+        points = self._points
+        return [
+            self._matrix_free_operator.sum_force_rows(points.free_translation == j)
+            * self._supports.free
+            for j in range(points.n_translations)
+        ]
 
     def estimate_determinant_signs(self) -> tuple[int, ...]:
         """Return estimated signs of the determinants of preconditioner and preconditioned tangent.
@@ -496,7 +527,7 @@ class KrylovTangent:
     def release(self) -> None:
         if self._spring_preconditioner is not None:
             self._spring_preconditioner.release()
-        destroy_objects(self._ksp, self._operator, self._supported_stiffness)
+        destroy_objects(self._ksp, self._operator, *self._owned_matrices)
         self._krylov.release()
         if self.solver is not self._krylov:
             self.solver.release()
@@ -636,7 +667,7 @@ class KrylovTangent:
             weights = (points.free_translation == j).astype(float)
             law_weights = -elimination.transpose_force_changes(weights)
             force_weights = np.einsum("nab,na->nb", law.E, law_weights)
-            row = points.sum_force_rows(self._matrix_free_operator.stiffness, force_weights)
+            row = self._matrix_free_operator.sum_force_rows(force_weights)
             motion_weights, by_motion = points.motion.createVecs()[::-1]
             motion_weights.setArray(np.einsum("nab,na->nb", law.C, law_weights))
             points.motion.multTranspose(motion_weights, by_motion)

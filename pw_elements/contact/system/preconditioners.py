@@ -49,30 +49,44 @@ class SpringPreconditioner:
         K: PETSc.Mat,
         elimination: AdditionalForceElimination | None,
     ) -> None:
-        self._inner, self._points, self._elimination = inner, points, elimination
-        inverse_diagonal_force = points.force.copy()
-        inverse_diagonal_force.diagonalScale(R=1 / K.getDiagonal())
-        self._compliance = points.motion.matMult(inverse_diagonal_force.transpose())
+        self._inner, self._K, self._elimination = inner, K, elimination
+        self._remaining = K.createVecRight()
+        self.set_points(points)
+        self._ksp = PETSc.KSP().create(K.comm)
+        self._ksp.setType("preonly")
+        self._ksp.getPC().setType("lu")
+        self._ksp.getPC().setFactorSolverType("mumps")
+
+    def set_points(self, points: ContactPointOperators) -> None:
+        """Set the operators of the contact points, whose unknowns are displacements alone."""
+        self._points = points
+        forces_over_stiffness = points.force.copy()
+        forces_over_stiffness.diagonalScale(R=1 / self._K.getDiagonal())
+        displacements_by_force = forces_over_stiffness.transpose()
+        # relative displacements (m dim, m dim), and motions (m p, m dim), due to the point forces
+        self._compliance = points.relative_displacement.matMult(displacements_by_force)
+        self._motion_compliance = (
+            self._compliance
+            if points.motion is points.relative_displacement
+            else points.motion.matMult(displacements_by_force)
+        )
         self._has_equation = has_equation = points.equations >= 0
         point_compliance = self._compliance.getDiagonal().array_r.reshape(has_equation.shape)
         self._spring_stiffness = (
             1 / masked_row_mean_or_one(point_compliance, has_equation)[:, None, None]
         )
         self._law_values, self._force = self._compliance.createVecs()
-        self._motion, self._remaining = self._law_values.duplicate(), points.motion.createVecRight()
-        self._ksp = PETSc.KSP().create(K.comm)
-        self._ksp.setType("preonly")
-        self._ksp.getPC().setType("lu")
-        self._ksp.getPC().setFactorSolverType("mumps")
+        self._relative_displacement = self._law_values.duplicate()
 
     def compute_length_to_force_factors(self, law: LinearisedContactLaw) -> Array:
         """Return the factors (m, dim) that convert rows of the law from lengths to forces.
 
         The factors depend on the stiffness of the springs between the bodies.
         """
+        dim = law.E.shape[1]  # further motions are rotations
         law_size = (
             np.linalg.norm(law.E, axis=2)
-            + np.linalg.norm(law.C, axis=2) / self._spring_stiffness[:, 0]
+            + np.linalg.norm(law.C[:, :, :dim], axis=2) / self._spring_stiffness[:, 0]
         )
         return np.asarray(1 / np.where(law_size > 0, law_size, 1.0))
 
@@ -93,19 +107,18 @@ class SpringPreconditioner:
         points, identity = self._points, np.eye(held_projectors.shape[1])
         has_both_equations = self._has_equation[:, :, None] & self._has_equation[:, None, :]
         self._held_stiffness: Array = self._spring_stiffness * held_projectors * has_both_equations
-        E, C = (
-            np.where(has_both_equations, law.E, identity),
-            np.where(has_both_equations, law.C, 0.0),
+        E = np.where(has_both_equations, law.E, identity)
+        is_included = (
+            has_both_equations if law.C.shape == law.E.shape else self._has_equation[:, :, None]
         )
-        force_law = self._multiply_block_diagonal(C, self._compliance)
-        add_scaled(
-            force_law,
-            1.0,
-            block_diagonal_matrix(E, points.motion.getSizes()[0], points.motion.comm),
-        )
+        C = np.where(is_included, law.C, 0.0)
+        force_law = self._multiply_block_diagonal(C, self._motion_compliance)
+        point_sizes = points.force.getSizes()[0]
+        add_scaled(force_law, 1.0, block_diagonal_matrix(E, point_sizes, self._K.comm))
         self._ksp.setOperators(force_law)
         point_springs = self._multiply_block_diagonal(
-            self._spring_stiffness * anchored_projectors * has_both_equations, points.motion
+            self._spring_stiffness * anchored_projectors * has_both_equations,
+            points.relative_displacement,
         )
         return points.force.transposeMatMult(point_springs)
 
@@ -116,9 +129,9 @@ class SpringPreconditioner:
             law_values = self._elimination.lift_law_values(law_values)
         self._law_values.array[:] = law_values.ravel()
         self._ksp.solve(self._law_values, self._force)
-        self._compliance.mult(self._force, self._motion)
-        motion = self._motion.array_r.reshape(has_equation.shape)
-        self._force.array[:] += np.einsum("nab,nb->na", self._held_stiffness, motion).ravel()
+        self._compliance.mult(self._force, self._relative_displacement)
+        displacement = self._relative_displacement.array_r.reshape(has_equation.shape)
+        self._force.array[:] += np.einsum("nab,nb->na", self._held_stiffness, displacement).ravel()
         x.copy(self._remaining)
         self._remaining.array[points.equations[has_equation]] = 0.0
         points.force.multTransposeAdd(self._force, self._remaining, self._remaining)
@@ -128,13 +141,12 @@ class SpringPreconditioner:
         destroy_objects(self._ksp)
 
     def _multiply_block_diagonal(self, blocks: Array, matrix: PETSc.Mat) -> PETSc.Mat:
-        """Return the product of a block-diagonal matrix and a matrix (m dim, ...).
+        """Return the product of a block-diagonal matrix and another matrix.
 
-        The diagonal blocks are `blocks` (m, dim, dim).
+        The diagonal blocks are `blocks` (m, dim, k), and the matrix is (m k, ...).
         """
-        return block_diagonal_matrix(
-            blocks, self._points.motion.getSizes()[0], matrix.comm
-        ).matMult(matrix)
+        sizes = self._points.force.getSizes()[0], matrix.getSizes()[0]
+        return block_diagonal_matrix(blocks, sizes[0], matrix.comm, sizes[1]).matMult(matrix)
 
 
 class BorderedPreconditioner:
@@ -212,25 +224,28 @@ class AnchorNodes:
     """
 
     def __init__(self, space: fem.FunctionSpace, points: ContactPointOperators) -> None:
-        nodes = points.node
         self._comm: MPI.Comm = space.mesh.comm
         components = ComponentRigidModes.from_space(space)
         self._component, self._n_components = (
-            components.component_of_node[nodes],
+            components.component_of_node[points.node],
             len(components.centre),
         )
-        x = space.tabulate_dof_coordinates()[nodes, : space.mesh.geometry.dim]
+        self._x = space.tabulate_dof_coordinates()[points.node, : space.mesh.geometry.dim]
+        self.choose_nodes(points)
+
+    def choose_nodes(self, points: ContactPointOperators) -> None:
+        """Choose the anchor nodes from the points that can hold the body at present."""
         is_candidate = points.can_hold_body & ~points.shared_nodes.is_additional
         component = np.where(is_candidate, self._component, -1)
         all_x, all_components = (
-            np.concatenate(self._comm.allgather(part)) for part in (x, component)
+            np.concatenate(self._comm.allgather(part)) for part in (self._x, component)
         )
         chosen = np.zeros(len(all_x), dtype=bool)
         for k in range(self._n_components):
             candidates = np.flatnonzero(all_components == k)
             chosen[candidates[_pick_distant_points(all_x[candidates])]] = True
-        first_point = sum(self._comm.allgather(len(nodes))[: self._comm.rank])
-        self._is_anchor = chosen[first_point : first_point + len(nodes)]
+        first_point = sum(self._comm.allgather(len(component))[: self._comm.rank])
+        self._is_anchor = chosen[first_point : first_point + len(component)]
 
     def extend_projectors_at_anchors(self, held_projectors: Array) -> Array:
         """Return projectors onto held directions, extended to all directions at anchor nodes.

@@ -11,7 +11,7 @@ equations of a contact point contain no forces of points at other nodes.
 from collections.abc import Callable, Sequence
 from copy import copy
 from functools import partial
-from typing import Protocol, TypeAlias
+from typing import TypeAlias
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -42,94 +42,25 @@ from pw_elements.contact.system.assembled import (
     replace_contact_rows_and_append_balance_rows,
     split_force_operator_at_own_equations,
 )
+from pw_elements.contact.system.interfaces import ContactTangent
 from pw_elements.contact.system.krylov import KrylovTangent
 from pw_elements.contact.system.solution import (
     ContactSystemSolution,
     LinearSolveAccuracy,
-    LocalTangentSolution,
 )
 from pw_elements.contact.system.unassembled import ContactPointOperators, masked_row_mean_or_one
 from pw_elements.solvers import (
     LinearSolver,
-    PreparedSolver,
     SolverReport,
+    StiffnessWithAddedMatrix,
     add_scaled,
     has_separate_supports,
+    matrix_from_python_context,
 )
 
 # Number of linear systems solved, and the report of the linear solver
 SolveCountAndReport: TypeAlias = tuple[int, SolverReport]
 NO_COST: SolveCountAndReport = (0, EMPTY_SOLVER_REPORT)
-
-
-class ContactTangent(Protocol):
-    """The matrix of the contact system and its solver.
-
-    Attributes:
-        solves_exactly: whether the accuracy of all solutions is limited by round-off alone.
-        solver: prepared solver of the linear systems.
-    """
-
-    solves_exactly: bool
-    solver: PreparedSolver
-
-    def set_initial_iterate(self, get_unknowns: Callable[[], Array], free_motions: Array) -> None:
-        """Set the initial iterate of an iterative solver.
-
-        Args:
-            get_unknowns: function that returns the unknowns (n,) of this process.
-            free_motions: free motions (free,) of the surfaces.
-        """
-
-    def set_free_motion_springs(self, springs: Array) -> None:
-        """Set the stiffness (free,) that support friction adds to each free motion."""
-
-    def update_stiffness(
-        self, assemble_rows: Callable[[], tuple[ContactLawRows, CsrArrays]], pattern_changed: bool
-    ) -> None:
-        """Update the matrix after the stiffness has changed.
-
-        Args:
-            assemble_rows: function that returns the rows of the contact points and the arrays of
-                the whole matrix.
-            pattern_changed: whether the sparsity pattern has changed.
-        """
-
-    def solve(
-        self,
-        rhs: Array,
-        balance_rhs: Array,
-        law: LinearisedContactLaw,
-        accuracy: LinearSolveAccuracy,
-    ) -> LocalTangentSolution:
-        """Solve the linear system with the linearised law of an active set.
-
-        Args:
-            rhs: right-hand side (n,) of this process, which may be scaled in place.
-            balance_rhs: right-hand side (free,) of the force balances of free motions.
-            law: linearised law.
-            accuracy: accuracy of the solution, used only by iterative solvers.
-
-        Raises:
-            SingularSystem: if there is no unique solution.
-            NotConverged: if an iterative solver fails.
-        """
-
-    def estimate_determinant_signs(self) -> tuple[int, ...]:
-        """Return the signs of determinants, estimated without factors.
-
-        The last sign belongs to the present matrix; the first one is the sign that it should have.
-        The result is empty if the solver makes no such estimates.
-        """
-
-    def is_constant_pressure_held_by_contact_only(self) -> bool:
-        """Return whether a constant pressure in an incompressible body acts on contact points only.
-
-        If it does, the displacements determine the pressure only up to a constant.
-        """
-
-    def release(self) -> None:
-        """Free the memory of the solver."""
 
 
 class ContactSystem:
@@ -172,11 +103,19 @@ class ContactSystem:
         self._torque_map = torque_map
         self.comm: MPI.Comm = interface.comm
         self.n_solves = 0
-        self.stiffness = (
-            matrix_free_constrained_operator(reduction, K)
-            if has_separate_supports(solver)
-            else reduction.matrix(K)
-        )
+        # stiffness that is never assembled, with that of forces that move with the bodies
+        self._matrix_free_stiffness = K
+        self._stiffness_with_added_matrix = StiffnessWithAddedMatrix(K)
+        if has_separate_supports(solver):
+            if interface.mortars:
+                self._matrix_free_stiffness = matrix_from_python_context(
+                    K.getSizes(), self._stiffness_with_added_matrix, K.comm
+                )
+            self.stiffness = matrix_free_constrained_operator(
+                reduction, self._matrix_free_stiffness
+            )
+        else:
+            self.stiffness = reduction.matrix(K)
         self._motion_sizes = interface.motion.copy()
         motion_csr = interface.motion.getValuesCSR()
         self._motion_sizes.setValuesCSR(*motion_csr[:2], np.abs(motion_csr[2]))
@@ -208,21 +147,20 @@ class ContactSystem:
                     "Iterative() does not support surfaces that are free to turn: use Direct()"
                 )
             assert reduction.supports is not None, "checks of arguments reject other reductions"
-            node_equations = np.where(has_equation, interface.equation - first_row, -1)
-            stiffness = K.getDiagonal().array_r[node_equations] * self._force_factor
+            self._node_equations = np.where(has_equation, interface.equation - first_row, -1)
+            stiffness = K.getDiagonal().array_r[self._node_equations] * self._force_factor
             stiffness = stiffness[interface.shared_nodes.first_point]
             self.law_scale = masked_row_mean_or_one(stiffness / motion_diagonal, has_equation)
-            points = ContactPointOperators.from_interface(
-                interface,
-                self._reduced_force,
-                self._opposite_force,
-                node_equations,
-                self._equations,
-                self._force_factor,
-                self.law_scale,
-                free_motions,
+            owned_matrices = [self.stiffness]
+            if interface.mortars:
+                owned_matrices.append(self._matrix_free_stiffness)
+            self.tangent = KrylovTangent(
+                K,
+                reduction.supports,
+                self._make_contact_point_operators(interface.motion),
+                solver,
+                owned_matrices,
             )
-            self.tangent = KrylovTangent(K, reduction.supports, points, solver, self.stiffness)
             return
         self._reduced_motion = self._insert_additional_columns(reduced_motion)
         self._borders = make_map_from_free_motions_to_points(
@@ -251,6 +189,27 @@ class ContactSystem:
             n_borders -= self._additional.n_local
         self.tangent = AssembledTangent(
             matrix, contact_rows, first_row, n_borders, solver, has_enclosed_pressure
+        )
+
+    def _make_contact_point_operators(
+        self, relative_displacement: PETSc.Mat
+    ) -> ContactPointOperators:
+        """Return the operators of the contact points for a solver that assembles no matrix.
+
+        `relative_displacement` (m dim, n) gives the displacements of the points relative to the
+        opposite surfaces.
+        """
+        return ContactPointOperators.from_interface(
+            self.interface,
+            self._motion,
+            relative_displacement,
+            self._reduced_force,
+            self._opposite_force,
+            self._node_equations,
+            self._equations,
+            self._force_factor,
+            self.law_scale,
+            self.free_motions,
         )
 
     def with_interface(self, interface: ContactInterface) -> "ContactSystem":
@@ -353,18 +312,38 @@ class ContactSystem:
         self.tangent.update_stiffness(assemble, pattern_changed=False)
 
     def update_stiffness_and_motion_operator(
-        self, K: PETSc.Mat, torque_map: TorqueMap, motion_operator: PETSc.Mat
-    ) -> None:
-        """Update the matrix for a new stiffness (n, n), torque map and motion operator.
+        self,
+        body_stiffness: PETSc.Mat,
+        added_stiffness: PETSc.Mat,
+        torque_map: TorqueMap,
+        motion_operator: PETSc.Mat,
+    ) -> PETSc.Mat:
+        """Update the matrix for a new stiffness, torque map and motion operator.
 
-        `motion_operator` is the motion operator (m p, n), with p motions per contact point. Its
-        sparsity pattern may change.
+        Args:
+            body_stiffness: stiffness (n, n) of the bodies alone.
+            added_stiffness: stiffness (n, n) of forces that move with the bodies. It may be changed
+                in place.
+            torque_map: map from motions of the surfaces to velocities of the contact nodes.
+            motion_operator: motion operator (m p, n), with p motions per contact point. Its
+                sparsity pattern and that of the added stiffness may change.
+
+        Returns:
+            The sum (n, n) of both stiffnesses, which an iterative solver does not assemble.
         """
-        self._torque_map = torque_map
+        self._torque_map, self._motion = torque_map, motion_operator
+        if isinstance(self.tangent, KrylovTangent):
+            self._stiffness_with_added_matrix.added = added_stiffness
+            self.tangent.update_stiffness_and_points(
+                self._make_contact_point_operators(self.force_operator.transpose(PETSc.Mat())),
+                added_stiffness,
+            )
+            return self._matrix_free_stiffness
+        K = added_stiffness
+        add_scaled(K, 1.0, body_stiffness, destroy_term=False)
 
         def assemble() -> tuple[ContactLawRows, CsrArrays]:
             self.stiffness = reduce_matrix(self.reduction, K)
-            self._motion = motion_operator
             self._reduced_motion = self._insert_additional_columns(
                 extract_local_rows(
                     motion_operator.matMult(self.reduction.right), len(self.free_motions)
@@ -373,6 +352,7 @@ class ContactSystem:
             return self._assemble_contact_force_rows_contact_rows_and_matrix()[1:]
 
         self.tangent.update_stiffness(assemble, pattern_changed=True)
+        return K
 
     def _insert_additional_columns(self, rows: sp.csr_matrix) -> sp.csr_matrix:
         return rows if self._additional is None else self._additional.insert_columns(rows)

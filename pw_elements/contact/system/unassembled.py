@@ -36,11 +36,14 @@ class ContactPointOperators:
     """
 
     node: Indices  # local number (m,) of the node of each point
-    motion: PETSc.Mat  # motion operator (m dim, n)
+    motion: PETSc.Mat  # motion operator (m p, n), with p motions per point
+    # displacement (m dim, n) of each point relative to its opposite surface
+    relative_displacement: PETSc.Mat
     force: PETSc.Mat  # transposed force operator (m dim, n), reduced by the supports
     # part of the force operator at equations of other nodes, transposed and with opposite sign
     # (m dim, n); None if it is zero
     opposite_force: PETSc.Mat | None
+    has_two_bodies: bool  # whether any pair consists of two bodies
     equations: Indices  # local number (m, dim) of each component's own equation, -1 for none
     # local number (m, dim) of each component's law in the right-hand side, -1 for none. It differs
     # from `equations` at points that are not the first one of their node
@@ -58,6 +61,8 @@ class ContactPointOperators:
     def from_interface(
         cls,
         interface: ContactInterface,
+        motion: PETSc.Mat,
+        relative_displacement: PETSc.Mat,
         force: PETSc.Mat,
         opposite_force: PETSc.Mat | None,
         equations: Indices,
@@ -86,9 +91,11 @@ class ContactPointOperators:
         can_hold_body = has_opposite_nodes | (interface.faced != FACED_INDEX_OF_DEFORMABLE_SURFACE)
         return cls(
             node,
-            interface.motion,
+            motion,
+            relative_displacement,
             force,
             opposite_force,
+            opposite_force is not None or bool(interface.mortars),
             equations,
             law_equations,
             interface.shared_nodes,
@@ -110,8 +117,16 @@ class ContactPointOperators:
         number[field.owned_unknowns.ravel()] = np.arange(field.owned_unknowns.size)
         columns = field.extraction_matrix().transpose(PETSc.Mat())
         motion, force = (operator.matMult(columns) for operator in (self.motion, self.force))
+        relative_displacement = motion
+        if self.relative_displacement is not self.motion:
+            relative_displacement = self.relative_displacement.matMult(columns)
         return replace(
-            self, motion=motion, force=force, equations=number[self.equations], n_translations=0
+            self,
+            motion=motion,
+            relative_displacement=relative_displacement,
+            force=force,
+            equations=number[self.equations],
+            n_translations=0,
         )
 
     def extract_nodal_forces(self, equation_values: Array) -> Array:
@@ -122,18 +137,6 @@ class ContactPointOperators:
         """
         rows = self.rows
         return np.where(rows >= 0, equation_values[rows] * self.force_factor, 0.0)
-
-    def sum_force_rows(self, K: PETSc.Mat, weights: Array) -> Array:
-        """Return the part (n,) that this process owns of the row of a weighted sum of nodal forces.
-
-        The nodal forces follow from the product of the stiffness K (n, n) with displacements, and
-        are weighted with `weights` (m, dim).
-        """
-        rows = self.rows
-        point_factors, row = K.createVecs()
-        point_factors.array[rows[rows >= 0]] = (self.force_factor * weights)[rows >= 0]
-        K.multTranspose(point_factors, row)
-        return np.array(row.array_r)
 
     def distribute_to_opposite_nodes(self, force: Array) -> Array:
         """Return the part (n,) that this process owns of the forces on opposite nodes; collective.
@@ -168,7 +171,6 @@ class MatrixFreeContactOperator:
         points: contact points.
 
     Attributes:
-        stiffness: stiffness (n, n).
         force: nodal forces (m, dim) in the last product.
         elimination: elimination of the additional forces of nodes with several points, or None.
         force_of_right_hand_side: constant part (m, dim) of the points' forces, which follows from
@@ -177,14 +179,12 @@ class MatrixFreeContactOperator:
     """
 
     def __init__(self, K: PETSc.Mat, free: Mask, points: ContactPointOperators) -> None:
-        self.stiffness, self._points = K, points
+        self._K = K
         self._prescribed: Indices = np.flatnonzero(~free)
-        self._rows = points.rows
-        self._has_row = self._rows >= 0
         self._comm: MPI.Comm = K.comm.tompi4py()
         self._free_displacement, self._product = K.createVecs()
-        self._point_values = points.motion.createVecLeft()
-        self._opposite_product = None if points.opposite_force is None else K.createVecLeft()
+        self._opposite_product = K.createVecLeft() if points.has_two_bodies else None
+        self.set_points(points, None)
         self.force: Array = np.zeros(points.equations.shape)
         self.springs: Array = np.zeros(points.n_translations)
         self.elimination: AdditionalForceElimination | None = None
@@ -193,6 +193,37 @@ class MatrixFreeContactOperator:
                 points.shared_nodes, points.equations >= 0, points.law_scale, self._comm
             )
         self.force_of_right_hand_side: Array = np.zeros(points.equations.shape)
+
+    def set_points(self, points: ContactPointOperators, added_stiffness: PETSc.Mat | None) -> None:
+        """Set the operators of the same contact points at another iterate.
+
+        Args:
+            points: operators of the contact points.
+            added_stiffness: matrix (n, n) that is added to the stiffness, such as that of forces
+                which move with the bodies; None for none.
+        """
+        self._points, self._added_stiffness = points, added_stiffness
+        self._rows = points.rows
+        self._has_row = self._rows >= 0
+        self._motions, self._point_forces = (
+            operator.createVecLeft() for operator in (points.motion, points.force)
+        )
+
+    def sum_force_rows(self, weights: Array) -> Array:
+        """Return the part (n,) that this process owns of the row of a weighted sum of nodal forces.
+
+        The nodal forces follow from the product of the stiffness with displacements, and are
+        weighted with `weights` (m, dim).
+        """
+        rows, point_factors = self._rows, self._K.createVecLeft()
+        point_factors.array[rows[self._has_row]] = (self._points.force_factor * weights)[
+            self._has_row
+        ]
+        row = self._K.createVecRight()
+        self._K.multTranspose(point_factors, row)
+        if self._added_stiffness is not None:
+            self._added_stiffness.multTransposeAdd(point_factors, row, row)
+        return np.array(row.array_r)
 
     def set_law(self, law: LinearisedContactLaw) -> Array:
         """Set the linearised law, and return its force coefficients (m, dim, dim).
@@ -230,22 +261,26 @@ class MatrixFreeContactOperator:
 
     def _evaluate_motion_terms_of_all_points(self, x: PETSc.Vec) -> Array:
         points, displacement = self._points, self._free_displacement
-        displacement.array[:] = x.array_r[: self.stiffness.getLocalSize()[1]]
+        n = displacement.getLocalSize()
+        displacement.array[:] = x.array_r[:n]
         displacement.array[self._prescribed] = 0.0
-        points.motion.mult(displacement, self._point_values)
-        motion = self._point_values.array_r.reshape(points.equations.shape)
-        law_values: Array = np.einsum("nab,nb->na", self._C, motion)
+        points.motion.mult(displacement, self._motions)
+        m, _, n_motions = self._C.shape
+        motions = self._motions.array_r.reshape(m, n_motions)
+        law_values: Array = np.einsum("nab,nb->na", self._C, motions)
         if points.n_translations:
-            n, last_rank = self.stiffness.getLocalSize()[1], self._comm.size - 1
+            last_rank = self._comm.size - 1
             U = np.append(self._comm.bcast(x.array_r[n:].copy(), last_rank), 0.0)
             law_values -= np.einsum("nab,nb->na", self._D, U[points.free_translation])
         return law_values
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        points, n = self._points, self.stiffness.getLocalSize()[1]
-        values, product = x.array_r, self._product
+        points, values, product = self._points, x.array_r, self._product
+        n = product.getLocalSize()
         law_values = self._evaluate_motion_terms_of_all_points(x)
-        self.stiffness.mult(self._free_displacement, product)
+        self._K.mult(self._free_displacement, product)
+        if self._added_stiffness is not None:
+            self._added_stiffness.multAdd(self._free_displacement, product, product)
         force = points.extract_nodal_forces(product.array_r)
         law_values += np.einsum("nab,nb->na", self._E, force)
         if self.elimination is not None:
@@ -253,8 +288,8 @@ class MatrixFreeContactOperator:
             law_values = self.elimination.reduce_law_values(law_values)
         self.force = force + self.force_of_right_hand_side
         if points.opposite_force is not None:
-            self._point_values.array[:] = force.ravel()
-            points.opposite_force.multTranspose(self._point_values, self._opposite_product)
+            self._point_forces.setArray(force)
+            points.opposite_force.multTranspose(self._point_forces, self._opposite_product)
             product.axpy(1.0, self._opposite_product)
         totals = np.zeros(points.n_translations)
         if points.n_translations:
