@@ -10,7 +10,7 @@ import os
 import shutil
 from pathlib import Path
 
-from study.publish.site import evidence, gallery, reference
+from study.publish.site import evidence, gallery, reference, search
 from study.publish.texts import TEXTS_FOLDER, load_index_of_drawn_figures
 from study.run.files import open_folder_replacement
 from study.run.store import Results, StudyError
@@ -66,8 +66,12 @@ def write_sources(results: Results, source_folder: Path, jobs: int = 1) -> list[
     copy_guide_without_drafts(source_folder)
     shutil.copytree(STATIC_FOLDER, source_folder / "_static", dirs_exist_ok=True)
     shutil.copy(TEXTS_FOLDER / "formula.css", source_folder / "_static")
-    shutil.copy(Path(__file__).with_name("conf.py"), source_folder)
+    shutil.copytree(search.TEMPLATES_FOLDER, source_folder / "_templates")
+    for name in ("conf.py", "search_scorer.js"):
+        shutil.copy(Path(__file__).with_name(name), source_folder)
     _write_source_licence_and_citation_page(source_folder)
+    _write_page_of_changes(source_folder)
+    _write_place_of_report(results, source_folder)
     examples_by_name = gallery.run_examples_and_write_gallery(
         results.folder / "gallery", source_folder / "gallery", jobs
     )
@@ -94,6 +98,28 @@ def _write_source_licence_and_citation_page(source_folder: Path) -> None:
     (source_folder / "about.md").write_text(
         f"# Source, licence, citation\n\n{text}\n", encoding="utf-8"
     )
+
+
+def _write_page_of_changes(source_folder: Path) -> None:
+    """Write the page "What changed" from the file of changes.
+
+    Links to files of the guide are adapted to the folder of sources, where the guide is.
+    """
+    text = (ROOT / "CHANGELOG.md").read_text("utf-8").replace("](docs/", "](")
+    _, _, changes = text.partition("\n")
+    (source_folder / "changes.md").write_text(f"# What changed\n{changes}", encoding="utf-8")
+
+
+def _write_place_of_report(results: Results, source_folder: Path) -> None:
+    """Write a page that the report replaces, and copy the report for the index of the search.
+
+    The page gives the report a place in the navigation. It remains if there is no report.
+    """
+    (source_folder / "report.md").write_text(
+        "# Report\n\nThere is no report: run `./run study`, then `./run site`.\n", encoding="utf-8"
+    )
+    if (report := results.folder / "report.html").is_file():
+        shutil.copy(report, source_folder)
 
 
 def _run_sphinx(source_folder: Path, pages_folder: Path) -> list[str]:

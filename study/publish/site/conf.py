@@ -2,6 +2,7 @@
 
 import ast
 import re
+from pathlib import Path
 
 from docutils import nodes
 from docutils.utils.math import latex2mathml
@@ -10,6 +11,7 @@ from sphinx.writers.html5 import HTML5Translator
 
 import pw_elements
 from study.publish.site.mathematics import typeset_plain_text_mathematics
+from study.publish.site.search import add_report_to_search_index
 
 project = "pw-elements"
 author = "pw-elements developers"
@@ -18,8 +20,12 @@ html_title = f"pw-elements {version}"
 html_theme = "furo"
 html_static_path = ["_static"]
 html_css_files = ["site.css", "formula.css"]
+html_js_files = ["search.js"]
+html_search_scorer = str(Path(__file__).with_name("search_scorer.js"))
+templates_path = ["_templates"]
 html_show_copyright = html_show_sphinx = html_copy_source = html_show_sourcelink = False
 html_theme_options = {
+    "announcement": "search box",  # the theme has a place above the page, which `page.html` fills
     "light_css_variables": {"color-brand-primary": "#0072B2", "color-brand-content": "#0b57a4"},
     "dark_css_variables": {"color-brand-primary": "#56B4E9", "color-brand-content": "#7cc4f0"},
 }
@@ -178,3 +184,4 @@ def setup(app: Sphinx) -> None:
     app.connect("autodoc-process-docstring", convert_docstring_to_rst, priority=100)
     app.connect("autodoc-process-signature", shorten_array_types)
     app.connect("html-page-context", _fix_source_backlinks)
+    app.connect("build-finished", add_report_to_search_index)

@@ -19,7 +19,7 @@ from study.judge import claims
 from study.judge.facts import RESULT_MUTATIONS, ROW_MUTATIONS
 from study.model.vocabulary import ELEMENTS
 from study.paper.items import ITEMS, TITLES_WITHOUT_PAGE, Item
-from study.publish.site import mathematics
+from study.publish.site import mathematics, search
 from study.publish.texts import (
     PAPER_ITEM_PATTERN,
     LinkTarget,
@@ -130,10 +130,13 @@ def copy_report_and_result_files(results: Results, pages_folder: Path) -> list[s
     """
     missing = []
     for name in REPORT_FILES:
-        if (path := results.folder / name).is_file():
-            shutil.copy(path, pages_folder)
-        else:
+        if not (path := results.folder / name).is_file():
             missing.append(f"there is no {name}: run ./run study")
+        elif path.suffix == ".html":
+            page = search.insert_site_bar(path.read_text("utf-8"))
+            (pages_folder / name).write_text(page, "utf-8")
+        else:
+            shutil.copy(path, pages_folder)
     for section in SECTIONS:
         folder = pages_folder / "data" / section
         folder.mkdir(parents=True)
