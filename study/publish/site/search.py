@@ -80,14 +80,14 @@ def add_report_to_search_index(app: Sphinx, exception: Exception | None) -> None
     report = Path(app.srcdir) / "report.html"
     if exception is not None or not report.is_file():
         return
-    indexer = app.builder.indexer  # type: ignore[attr-defined]
+    indexer = app.builder.indexer
     for section_id, (heading, text) in read_report_sections(report.read_text("utf-8")).items():
         document = new_document("report")
         section = nodes.section("", nodes.title("", heading), nodes.paragraph("", text))
         document += section
         indexer.feed(f"report#{section_id}", "report.html", heading, document)
     with (Path(app.outdir) / "searchindex.js").open("w", encoding="utf-8") as file:
-        indexer.dump(file, app.builder.indexer_format)  # type: ignore[attr-defined]
+        indexer.dump(file, app.builder.indexer_format)
 
 
 def insert_site_bar(report_html: str) -> str:
