@@ -1,36 +1,124 @@
-"""Two bodies at large sliding, solved by `Iterative()`: comparison with factors."""
+"""Two bodies at large sliding, solved by `Iterative()`: comparison with factors, and on processes.
+
+The bodies are plane, axisymmetric and solid; some are held by contact alone, and some have nodes in
+several pairs.
+"""
+
+from mpi4py import MPI
 
 import numpy as np
 import pytest
-from dolfinx.mesh import CellType
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import CellType, compute_midpoints, locate_entities_boundary
 
-from pw_elements import Direct, Iterative
-from pw_elements.contact import SLIP
-from tests.contact.blocks_in_space import BLOCK_PATH, BlocksInSpace
+from pw_elements import Body, Direct, Iterative, Material, boundary_measure, prescribe
+from pw_elements.contact import SLIP, STICK, ContactPair, ContactProblem, DeformableSurface, Motion
+from pw_elements.solvers import automatic
+from tests.contact.blocks_in_space import BLOCK_PATH, INITIAL_GAP, BlocksInSpace
+from tests.contact.cases import make_finite_strain_unknown_and_residual, on_plane
 from tests.contact.sliding import make_die_on_block, slide_along_path
+from tests.contact.test_several_pairs import CornerOfThreeBlocks
+from tests.parallel import assert_same_on_processes
 
 # Largest difference of displacements and slips from those by factors, relative to the largest
 # displacement
 MAX_DIFFERENCE_FROM_FACTORS = 1e-9
 # The same for forces, each of which satisfies the contact law to 1e-9 of the largest force
 MAX_FORCE_DIFFERENCE_FROM_FACTORS = 2e-9
+# increments of less than a cell, which need no substeps; where substeps differ, friction does
+SHORT_PATH = [(0.0, 0.0, -0.06), (0.03, 0.0, -0.06), (0.06, 0.02, -0.06)]
+# loads per area on the top of a block that only friction holds
+TOP_TRACTIONS = [(0.0, 0.0, -0.05), (0.01, 0.0, -0.05), (0.013, 0.002, -0.05)]
+HYBRID = {"element": "hybrid", "compressibility": 1e-3}
+HEXAHEDRA = {"cell": CellType.hexahedron}
 
 
 def slide_die(**options):
     return slide_along_path(make_die_on_block(**options))
 
 
+def slide_rings(friction, solver, comm=MPI.COMM_SELF):
+    """Return states of an annulus that is pressed on a wider one, then moved outwards."""
+    die = make_die_on_block(comm=comm)
+    die.space.mesh.geometry.x[:, 0] += 2.0
+    body = Body(die.body.spaces, Material(1.0, 0.3), "axisymmetric")
+    u, (v,) = die.u, die.residual.arguments()
+    r = ufl.SpatialCoordinate(die.space.mesh)[0]
+    work = 2 * np.pi * r * ufl.inner(body.stress(u), body.strain(v))
+    residual = work * ufl.dx(metadata={"quadrature_degree": 4})
+
+    def on_upper_bottom(x):
+        height = 0.01 + 0.6 * (x[0] - 2.0) ** 2
+        return (x[1] > 0.005) & (np.abs(x[1] - height) < 0.02) & (np.abs(x[0] - 2.0) < 0.51)
+
+    surface = DeformableSurface(on_plane(1, 0.0), revolved=True)
+    pair = ContactPair(on_upper_bottom, surface, friction)
+    die.problem = ContactProblem.of_residual(residual, u, die.conditions, pair, solver=solver)
+    return slide_along_path(die)
+
+
 def slide_blocks(path=BLOCK_PATH, **options):
     return BlocksInSpace(**options).slide(path)
 
 
-# increments of less than a cell, which need no substeps; where substeps differ, friction does
-SHORT_PATH = [(0.0, 0.0, -0.06), (0.03, 0.0, -0.06), (0.06, 0.02, -0.06)]
-HYBRID = {"element": "hybrid", "compressibility": 1e-3}
-HEXAHEDRA = {"cell": CellType.hexahedron}
+def load_block_held_by_friction(friction, solver, comm=MPI.COMM_SELF):
+    """Return states of a block that lies on a fixed one and has loads on its top alone."""
+    top_of_lower = INITIAL_GAP + 1e-7  # the blocks have to touch each other at the start
+    boxes = ((-0.8, -0.6, -0.5), (0.8, 0.6, top_of_lower)), ((-0.4, -0.4, 0.0), (0.4, 0.4, 0.5))
+    blocks = BlocksInSpace(boxes=boxes, crown=0.0, comm=comm)
+    mesh = blocks.mesh
+    facets = locate_entities_boundary(
+        mesh, 2, lambda x: np.isclose(x[2], INITIAL_GAP, rtol=0, atol=1e-6)
+    )
+    mesh.topology.create_connectivity(2, 3)
+    links = mesh.topology.connectivity(2, 3).links
+    cells = np.array([links(facet)[0] for facet in facets], dtype=np.int32)
+    is_upper = compute_midpoints(mesh, 3, cells).reshape(-1, 3)[:, 2] > INITIAL_GAP
+    nodes = fem.locate_dofs_topological(blocks.space, 2, facets[is_upper])
+    pair = ContactPair(nodes, DeformableSurface(facets[~is_upper]), friction)
+    traction, (v,) = fem.Constant(mesh, (0.0, 0.0, 0.0)), blocks.residual.arguments()
+    work = ufl.inner(traction, v) * boundary_measure(mesh, on_plane(2, 0.5))
+    problem = ContactProblem.of_residual(
+        blocks.residual - work, blocks.u, blocks.conditions[:3], pair, solver=solver
+    )
+    states = [problem.undeformed]
+    for begin, end in zip([(0.0, 0.0, 0.0), *TOP_TRACTIONS], TOP_TRACTIONS, strict=False):
+
+        def load_top(load_factor, begin=begin, end=end):
+            traction.value[:] = (1 - load_factor) * np.array(begin) + load_factor * np.array(end)
+
+        states.append(problem.step(states[-1], load_top))
+    return states[1:]
+
+
+def press_into_corner_of_two_blocks(friction, solver, comm=MPI.COMM_SELF):
+    """Return states of a block that plates press into a corner of two bodies, one of which slides.
+
+    Nodes at the edges of the block are in two pairs.
+    """
+    bodies = CornerOfThreeBlocks(comm)
+    u, residual = make_finite_strain_unknown_and_residual(bodies.body.spaces)
+    clamped = [
+        prescribe(bodies.space, component, on_plane(axis, -1.0))
+        for axis in (0, 1)
+        for component in (0, 1)
+    ]
+    pairs = [*bodies.corner_pairs(friction), *bodies.plate_pairs()]
+    problem = ContactProblem.of_residual(residual, u, clamped, pairs, solver=solver)
+    states = [problem.undeformed]
+    for depth, shift in ((0.03, 0.0), (0.06, 0.0), (0.06, 0.1)):
+        plates = [Motion((0, -depth)), Motion((-depth, 0))]
+        motions = [None, Motion((0, shift)), *plates]
+        states.append(problem.step(states[-1], motions=motions))
+    return states[1:]
+
+
 SLIDING_CASES = {
     "plane": (slide_die, {}),
     "lower slave in the plane": (slide_die, {"upper_is_slave": False}),
+    "axisymmetric": (slide_rings, {}),
+    "corner": (press_into_corner_of_two_blocks, {}),
     "tetrahedra": (slide_blocks, {}),
     "lower slave": (slide_blocks, {"upper_is_slave": False, "path": SHORT_PATH}),
     "hexahedra": (slide_blocks, HEXAHEDRA),
@@ -45,23 +133,62 @@ def assert_equal_states(states, expected_states):
         u, expected_u = (s.displacement.array_r for s in (state, expected))
         max_difference = MAX_DIFFERENCE_FROM_FACTORS * np.abs(expected_u).max()
         assert np.abs(u - expected_u).max() < max_difference
-        (pair,), (expected_pair,) = state.pairs, expected.pairs
-        for name in ("force_vector", "opposite_force"):
-            value, expected_value = getattr(pair, name), getattr(expected_pair, name)
-            difference = np.abs(value - expected_value).max()
-            assert difference < MAX_FORCE_DIFFERENCE_FROM_FACTORS * np.abs(expected_value).max()
-        assert np.abs(pair.slip - expected_pair.slip).max() < max_difference
-        assert np.array_equal(pair.status, expected_pair.status)
+        largest_force = max(np.abs(pair.force_vector).max() for pair in expected.pairs)
+        for pair, expected_pair in zip(state.pairs, expected.pairs, strict=True):
+            for name in ("force_vector", "opposite_force"):
+                difference = np.abs(getattr(pair, name) - getattr(expected_pair, name))
+                assert difference.max() < MAX_FORCE_DIFFERENCE_FROM_FACTORS * largest_force
+            assert np.abs(pair.slip - expected_pair.slip).max() < max_difference
+            assert np.array_equal(pair.status, expected_pair.status)
+        assert state.report.krylov_iterations
+        assert not state.report.factorisations
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3])
 @pytest.mark.parametrize("name", SLIDING_CASES)
 def test_sliding_bodies_are_those_by_factors(name, friction):
-    slide, options = SLIDING_CASES[name]
+    solve, options = SLIDING_CASES[name]
     states, expected = (
-        slide(friction=friction, solver=solver, **options) for solver in (Iterative(), Direct())
+        solve(friction=friction, solver=solver, **options) for solver in (Iterative(), Direct())
     )
     assert_equal_states(states, expected)
-    assert all(state.report.krylov_iterations for state in states)
-    assert not any(state.report.factorisations for state in states)
-    assert (states[-1].pairs[0].status == SLIP).sum() > 3
+    assert max((pair.status == SLIP).sum() for pair in states[-1].pairs) > 3
+
+
+def test_block_held_by_friction_alone_is_that_by_factors():
+    states, expected = (
+        load_block_held_by_friction(0.3, solver) for solver in (Iterative(), Direct())
+    )
+    assert_equal_states(states, expected)
+    for state, traction in zip(states, TOP_TRACTIONS, strict=True):
+        np.testing.assert_allclose(state.pairs[0].force, -0.64 * np.array(traction), atol=1e-10)
+    statuses = states[-1].pairs[0].status
+    assert (statuses == SLIP).any()
+    assert (statuses == STICK).any()
+
+
+def collect_results_of_all_cases(comm):
+    cases = SLIDING_CASES | {"held by friction": (load_block_held_by_friction, {})}
+    results = {}
+    for name, (solve, options) in cases.items():
+        states = solve(friction=0.3, solver=Iterative(), comm=comm, **options)
+        for number, state in enumerate(states):
+            for pair_number, pair in enumerate(state.pairs):
+                for field in ("force_vector", "opposite_force", "slip", "gap"):
+                    values = np.nan_to_num(getattr(pair, field), posinf=-1.0)
+                    results[f"{name} {number} {pair_number} {field}"] = values
+    return results
+
+
+def test_sliding_bodies_are_the_same_on_several_processes():
+    assert_same_on_processes(collect_results_of_all_cases, process_counts=(2, 3), rel=2e-9)
+
+
+def test_automatic_choice_includes_sliding_bodies(monkeypatch):
+    """Above its limit, "auto" solves two sliding bodies in space by GMRES."""
+    (state,) = BlocksInSpace(solver="auto").slide(BLOCK_PATH[:1])
+    assert state.report.method.startswith("LU")
+    monkeypatch.setattr(automatic, "_MIN_KRYLOV_DOFS", 100)
+    monkeypatch.setattr(automatic, "_MIN_KRYLOV_DOFS_IF_HELD_BY_CONTACT", 100)
+    (state,) = BlocksInSpace(solver="auto").slide(BLOCK_PATH[:1])
+    assert state.report.method.startswith("GMRES")

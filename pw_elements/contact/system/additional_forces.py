@@ -238,6 +238,9 @@ class AdditionalForceElimination:
     def set_law(self, law: LinearisedContactLaw) -> Array:
         """Set the linearised law of an active set; collective.
 
+        Args:
+            law: linearised law, in which the motions are the displacements (m, dim) of the points.
+
         Returns:
             Coefficients (m, dim, dim) of the forces in the law, in which the equations of each node
             with several points are those that remain. They stand at its first point and are zero at

@@ -138,6 +138,23 @@ class ContactPointOperators:
         rows = self.rows
         return np.where(rows >= 0, equation_values[rows] * self.force_factor, 0.0)
 
+    def extract_motions_by_own_displacement(self) -> Array:
+        """Return the derivatives (m, p, dim) of each point's motions by its node's displacement.
+
+        They are zero for components without an equation.
+        """
+        m, dim = self.equations.shape
+        indptr, column, value = self.motion.getValuesCSR()
+        n_motions = (len(indptr) - 1) // max(m, 1)
+        row = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
+        point, motion = np.divmod(row, max(n_motions, 1))
+        column = column - self.motion.getOwnershipRangeColumn()[0]
+        derivatives = np.zeros((m, n_motions, dim))
+        for axis in range(dim):
+            is_own = (column >= 0) & (column == self.equations[point, axis])
+            derivatives[point[is_own], motion[is_own], axis] = value[is_own]
+        return derivatives
+
     def distribute_to_opposite_nodes(self, force: Array) -> Array:
         """Return the part (n,) that this process owns of the forces on opposite nodes; collective.
 
@@ -235,7 +252,11 @@ class MatrixFreeContactOperator:
             SingularSystem: if the law does not determine the additional forces.
         """
         self._E, self._C, self._D = law.E, law.C, law.D
-        return law.E if self.elimination is None else self.elimination.set_law(law)
+        if self.elimination is None:
+            return law.E
+        if self._points.motion is not self._points.relative_displacement:
+            law = replace(law, C=law.C @ self._points.extract_motions_by_own_displacement())
+        return self.elimination.set_law(law)
 
     def reduce_right_hand_side(self, law_right: Array) -> Array:
         """Return the right-hand side (m, dim) of the equations at each point's `rows`.
