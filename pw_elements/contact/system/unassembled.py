@@ -138,16 +138,16 @@ class ContactPointOperators:
         rows = self.rows
         return np.where(rows >= 0, equation_values[rows] * self.force_factor, 0.0)
 
-    def extract_motions_by_own_displacement(self) -> Array:
+    def extract_motions_by_own_displacement(self, n_motions: int) -> Array:
         """Return the derivatives (m, p, dim) of each point's motions by its node's displacement.
 
-        They are zero for components without an equation.
+        `n_motions` is the number p of motions of a point. The derivatives are zero for components
+        without an equation.
         """
         m, dim = self.equations.shape
         indptr, column, value = self.motion.getValuesCSR()
-        n_motions = (len(indptr) - 1) // max(m, 1)
         row = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
-        point, motion = np.divmod(row, max(n_motions, 1))
+        point, motion = np.divmod(row, n_motions)
         column = column - self.motion.getOwnershipRangeColumn()[0]
         derivatives = np.zeros((m, n_motions, dim))
         for axis in range(dim):
@@ -255,7 +255,8 @@ class MatrixFreeContactOperator:
         if self.elimination is None:
             return law.E
         if self._points.motion is not self._points.relative_displacement:
-            law = replace(law, C=law.C @ self._points.extract_motions_by_own_displacement())
+            by_own_displacement = self._points.extract_motions_by_own_displacement(law.C.shape[2])
+            law = replace(law, C=law.C @ by_own_displacement)
         return self.elimination.set_law(law)
 
     def reduce_right_hand_side(self, law_right: Array) -> Array:
