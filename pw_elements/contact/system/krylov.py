@@ -2,7 +2,8 @@
 
 The operator is the `MatrixFreeContactOperator`. The preconditioner is multigrid for the stiffness,
 in which the directions that the active set fixes are held as if by supports. For two bodies it is
-replaced by the `SpringPreconditioner` (docs/theory.md, "Large systems"). The few free translations
+replaced by the `SpringPreconditioner` (docs/theory.md, "Large systems"). If they slide far, the
+operators of the contact points and a stiffness of their forces change at each iterate. The few free translations
 of surfaces are eliminated by the Schur complement of the preconditioner. In hybrid bodies only the
 displacements, which are the first block of the `BlockTriangularPreconditioner`, are held.
 
