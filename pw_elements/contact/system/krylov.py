@@ -3,9 +3,9 @@
 The operator is the `MatrixFreeContactOperator`. The preconditioner is multigrid for the stiffness,
 in which the directions that the active set fixes are held as if by supports. For two bodies it is
 replaced by the `SpringPreconditioner` (docs/theory.md, "Large systems"). If they slide far, the
-operators of the contact points and a stiffness of their forces change at each iterate. The few free translations
-of surfaces are eliminated by the Schur complement of the preconditioner. In hybrid bodies only the
-displacements, which are the first block of the `BlockTriangularPreconditioner`, are held.
+operators of the contact points and a stiffness of their forces change at each iterate. The few free
+translations of surfaces are eliminated by the Schur complement of the preconditioner. In hybrid
+bodies only the displacements, the first block of the `BlockTriangularPreconditioner`, are held.
 
 The module guarantees that the residual divided by the contact forces is as small as the requested
 accuracy, or as small as round-off permits. It assumes that no surface is free to rotate.

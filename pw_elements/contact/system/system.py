@@ -136,6 +136,7 @@ class ContactSystem:
         self._replaced = self._equations[(self._equations >= 0) & (self._equations < n_rows)]
         self.set_force_operator(interface.force)
         self.tangent: ContactTangent
+        self._krylov_tangent: KrylovTangent | None = None
         self._motion = interface.motion
         reduced_motion = extract_local_rows(
             interface.motion.matMult(reduction.right), len(free_motions)
@@ -154,7 +155,7 @@ class ContactSystem:
             owned_matrices = [self.stiffness]
             if interface.mortars:
                 owned_matrices.append(self._matrix_free_stiffness)
-            self.tangent = KrylovTangent(
+            self.tangent = self._krylov_tangent = KrylovTangent(
                 K,
                 reduction.supports,
                 self._make_contact_point_operators(interface.motion),
@@ -332,9 +333,9 @@ class ContactSystem:
             The sum (n, n) of both stiffnesses, which an iterative solver does not assemble.
         """
         self._torque_map, self._motion = torque_map, motion_operator
-        if isinstance(self.tangent, KrylovTangent):
+        if self._krylov_tangent is not None:
             self._stiffness_with_added_matrix.added = added_stiffness
-            self.tangent.update_stiffness_and_points(
+            self._krylov_tangent.update_stiffness_and_points(
                 self._make_contact_point_operators(self.force_operator.transpose(PETSc.Mat())),
                 added_stiffness,
             )
