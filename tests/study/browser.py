@@ -90,16 +90,32 @@ def find_page_faults(browser, url, width):
     return messages + [f"{entry['source']}: {entry['message']}" for entry in error_entries]
 
 
-def count_search_results(browser, folder, word):
-    """Return the number of pages that the search of the site in a folder finds for a word."""
+def find_search_faults(browser, folder, word, width):
+    """Type a word into the search box of the home page; return a message for each fault.
+
+    The first result has to be a page that contains the word.
+    """
+    from selenium.webdriver.common.by import By
     from selenium.webdriver.support.wait import WebDriverWait
 
-    url = (folder / "search.html").resolve().as_uri()
-    browser.get(f"{url}?q={word}")
-    count_script = "return document.querySelectorAll('#search-results li').length"
-    return WebDriverWait(browser, TIMEOUT_SECONDS).until(
-        lambda page: page.execute_script(count_script)
-    )
+    window_size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", window_size)
+    browser.get((folder / "index.html").resolve().as_uri())
+    browser.get_log("browser")
+    boxes = [box for box in browser.find_elements(By.NAME, "q") if box.is_displayed()]
+    if len(boxes) != 1:
+        return [f"search at {width} pixels: {len(boxes)} boxes are visible, not one"]
+    boxes[0].send_keys(f"{word}\n")
+    link = WebDriverWait(browser, TIMEOUT_SECONDS).until(
+        lambda page: page.find_elements(By.CSS_SELECTOR, "#search-results li a")
+    )[0]
+    browser.get(link.get_attribute("href"))
+    faults = [
+        entry["message"] for entry in browser.get_log("browser") if entry["level"] == "SEVERE"
+    ]
+    if word not in browser.find_element(By.CSS_SELECTOR, "[role=main], main").text.lower():
+        faults.append(f"{browser.current_url} does not contain {word}")
+    return [f"search at {width} pixels: {fault}" for fault in faults]
 
 
 def read_stated_and_visible_claim_counts(browser, folder, query):
@@ -125,7 +141,8 @@ def find_site_faults(browser, folder):
             site_faults += [
                 f"{page.relative_to(folder)} at {width} pixels: {fault}" for fault in page_faults
             ]
-    count_search_results(browser, folder, "friction")
+    for width in WINDOW_WIDTHS:
+        site_faults += find_search_faults(browser, folder, "friction", width)
     failing_counts, all_counts = (
         read_stated_and_visible_claim_counts(browser, folder, f"verdict={verdict}")
         for verdict in ("fails", "")

@@ -9,10 +9,12 @@ standard library.
 import re
 import sys
 import tempfile
+from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
+CHANGELOG = Path(__file__).parents[2] / "CHANGELOG.md"
 URL_ATTRIBUTES = ("href", "src", "srcset")
 VERBATIM_TAGS = {"code", "pre", "script", "style", "annotation", "textarea"}
 TEXT_FAULT_PATTERNS = {
@@ -114,6 +116,36 @@ def _find_page_faults(path: Path, page: Page, pages: dict[Path, Page]) -> list[s
     return faults
 
 
+def find_search_and_change_faults(folder: Path, changelog: str) -> list[str]:
+    """Return a line for each page of a site without search box, and for each change not shown.
+
+    Args:
+        folder: Folder of the site.
+        changelog: Text of the file of changes, in Markdown.
+    """
+    faults = []
+    for path in sorted(folder.rglob("*.html")):
+        boxes = [
+            attributes
+            for attributes in Page(path.read_text("utf-8")).tag_attributes("input")
+            if attributes.get("name") == "q" and attributes.get("aria-label")
+        ]
+        if not boxes:
+            faults.append(f"{path.relative_to(folder)}: there is no search box with a label")
+    changes = folder / "changes.html"
+    html = changes.read_text("utf-8") if changes.is_file() else ""
+    shown_text = _keep_letters_and_digits(re.sub(r"<[^>]+>", "", html))
+    for bullet in re.findall(r"^- (.+(?:\n  .+)*)", changelog, re.MULTILINE):
+        text = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", bullet)
+        if _keep_letters_and_digits(text) not in shown_text:
+            faults.append(f"changes.html: does not show {bullet[:60]!r}")
+    return faults
+
+
+def _keep_letters_and_digits(text: str) -> str:
+    return re.sub(r"[\W_]", "", unescape(text))
+
+
 def list_undetected_fault_kinds() -> list[str]:
     """Return the kinds of faults that `find_faults` misses on pages made with such a fault."""
     undetected_faults = []
@@ -138,6 +170,8 @@ def main(paths: list[str]) -> int:
             messages.append(f"there is no page in {path}")
             continue
         faults = find_faults(folder.resolve(), chosen_paths)
+        if (path / "search.html").is_file():
+            faults += find_search_and_change_faults(folder, CHANGELOG.read_text("utf-8"))
         messages += faults
         print(f"pages: {path}: {n_pages} pages, {len(faults)} faults")
     for line in messages:

@@ -6,7 +6,13 @@ from pathlib import Path
 import pytest
 from docutils.utils.math import latex2mathml
 
-from tests.study.pages import PAGE_BODIES_BY_FAULT, find_faults, list_undetected_fault_kinds, main
+from tests.study.pages import (
+    PAGE_BODIES_BY_FAULT,
+    find_faults,
+    find_search_and_change_faults,
+    list_undetected_fault_kinds,
+    main,
+)
 
 DOCS_FOLDER = Path(__file__).parents[2] / "docs"
 FORMULA_PATTERN = re.compile(r"\$\$(.+?)\$\$|(?<![\\$\w])\$([^$]+?)\$(?!\w)", re.DOTALL)
@@ -18,6 +24,19 @@ def test_page_check_detects_each_kind_of_fault(tmp_path):
         (tmp_path / f"{number}.html").write_text(f"<title>x</title>{page_body}")
     assert main([str(tmp_path)]) == 1
     assert len(find_faults(tmp_path)) >= len(PAGE_BODIES_BY_FAULT)
+
+
+def test_page_check_detects_missing_search_boxes_and_changes(tmp_path):
+    box = '<input name="q" aria-label="Search">'
+    (tmp_path / "one.html").write_text(box)
+    (tmp_path / "changes.html").write_text(f"{box}<li><p>All <code>a.b</code> is new; see how")
+    changelog = "- All `a.b` is\n  new; see [how](docs/x.md)\n"
+    assert find_search_and_change_faults(tmp_path, changelog) == []
+    (tmp_path / "one.html").write_text('<input name="q">')
+    assert find_search_and_change_faults(tmp_path, f"{changelog}- Less time\n") == [
+        "one.html: there is no search box with a label",
+        "changes.html: does not show 'Less time'",
+    ]
 
 
 def test_good_pages_pass_the_check_and_a_missing_page_fails(tmp_path, capsys):
