@@ -13,7 +13,7 @@ from PIL import Image
 import pw_elements
 import pw_elements.contact
 from study.judge.claims import load_paper_claims
-from study.publish.site import evidence, gallery, reference
+from study.publish.site import evidence, gallery, reference, search
 from study.publish.site.__main__ import main as site
 from study.publish.texts import read_problem_data_of_section
 from study.run.cases import SECTIONS
@@ -294,3 +294,14 @@ def test_thumbnails_of_the_gallery_are_small(tmp_path):
     assert 0 < (tmp_path / "b.png").stat().st_size < 2**20 / 4
     with Image.open(tmp_path / "b.png") as thumbnail:
         assert max(thumbnail.size) == 560
+
+
+def test_sections_of_the_report_are_read_for_the_search():
+    html = (
+        "<main><h1>Study</h1><section id='a'><p>Even <b>forces</b></p><style>x</style></section>"
+        "<section id='b'><h2>1 <i>Column</i></h2><p>mode</p></section></main>"
+    )
+    assert search.read_report_sections(html) == {
+        "a": ("Study", "Even  forces"),
+        "b": ("1 Column", "1  Column mode"),
+    }
