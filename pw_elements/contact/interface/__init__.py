@@ -4,6 +4,7 @@ from pw_elements.contact.interface.build import (
     build_interface,
     build_interface_with_other_friction,
 )
+from pw_elements.contact.interface.law_fields import make_distributed_matrix
 from pw_elements.contact.interface.law_points import (
     describe_weight_functions,
     make_interface_laws,

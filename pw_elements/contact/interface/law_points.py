@@ -22,12 +22,15 @@ from pw_elements.checks import (
     format_points,
     raise_errors_on_all_processes,
 )
+from pw_elements.contact.interface.law_fields import InterfaceFields
 from pw_elements.contact.interface.operators import ContactInterface
 from pw_elements.contact.model import (
     ContactPair,
+    DeformableSurface,
     InterfaceLaw,
     InterfaceResponse,
     InterfaceValues,
+    MatchingNodes,
     SofteningLaw,
     SolutionNotFound,
     evaluate_and_check_shapes,
@@ -69,12 +72,14 @@ class InterfaceLawsOfPairs:
         initial_gap: (m,), gaps of the undeformed state, infinite at points that face nothing.
         weight: (m,), weights of the points.
         comm: communicator of the processes.
+        fields: fields of each pair; None for pairs without fields.
 
     Attributes:
         has_law: (m,), mask of the points with a law.
         n_history: number of columns of a pair's history: the slip since the undeformed state, in
             global components (dim), and the history variables of the law that has most of them.
         initial_history: (m, n_history), history of the undeformed state.
+        fields: fields of each pair; None for pairs without fields.
     """
 
     def __init__(
@@ -85,19 +90,23 @@ class InterfaceLawsOfPairs:
         initial_gap: Array,
         weight: Array,
         comm: MPI.Comm,
+        fields: Sequence[InterfaceFields | None],
     ) -> None:
         self._laws = list(laws)
+        self.fields: list[InterfaceFields | None] = list(fields)
         self._position, self._weight, self._comm = position, weight, comm
         self._points_of_law = [
-            (law, np.flatnonzero(pair == k)) for k, law in enumerate(laws) if law is not None
+            (law, np.flatnonzero(pair == k), fields[k])
+            for k, law in enumerate(laws)
+            if law is not None
         ]
         self.has_law: Mask = np.isin(pair, [k for k, law in enumerate(laws) if law is not None])
         dim = position.shape[1]
-        self.n_history = dim + max(law.n_history for law, _ in self._points_of_law)
+        self.n_history = dim + max(law.n_history for law, _, _ in self._points_of_law)
         self._errors: list[Exception] = []
         self.initial_history: Array = np.zeros((len(pair), self.n_history))
         with raise_errors_on_all_processes(comm):
-            for law, points in self._points_of_law:
+            for law, points, _ in self._points_of_law:
                 finite_gap = np.where(np.isfinite(initial_gap[points]), initial_gap[points], 0.0)
                 values = call_user_function(
                     comm, "an interface law", law.initial_history, finite_gap, weight[points]
@@ -107,6 +116,17 @@ class InterfaceLawsOfPairs:
                     values, (len(points), law.n_history)
                 )
 
+    def read_fields(self, motion: PETSc.Mat) -> None:
+        """Read the present values of the fields of all pairs; collective.
+
+        Args:
+            motion: matrix (m dim, n) that turns unknowns into displacements of the points relative
+                to the other side.
+        """
+        for fields in self.fields:
+            if fields is not None:
+                fields.read(motion)
+
     def check_derivatives_at_probes(self, max_extent: float) -> None:
         """Raise ValueError if a derivative contradicts differences at random values; collective.
 
@@ -114,7 +134,7 @@ class InterfaceLawsOfPairs:
             max_extent: largest extent of the contact nodes, to which gaps and slips are scaled.
         """
         dim, generator = self._position.shape[1], np.random.default_rng(1)
-        for law, points in self._points_of_law:
+        for law, points, fields in self._points_of_law:
             chosen = points[:_MAX_PROBED_NODES_PER_PROCESS]
             m, n = len(chosen), len(_PROBE_SIZES_PER_EXTENT)
             size = max_extent * np.tile(_PROBE_SIZES_PER_EXTENT, m)[:, None]
@@ -129,6 +149,7 @@ class InterfaceLawsOfPairs:
                 weight=self._weight[rows],
                 stiffness=np.ones(m * n),
                 position=self._position[rows],
+                fields=None if fields is None else fields.values[rows],
             )
             self._raise_if_derivatives_are_wrong(law, values)
 
@@ -145,9 +166,10 @@ class InterfaceLawsOfPairs:
 
         The arguments are those of `evaluate`.
         """
-        for law, points in self._points_of_law:
+        for law, points, fields in self._points_of_law:
             values = self._values_at(
                 law,
+                fields,
                 points[np.isfinite(gap[points])],
                 (frame, gap, slip, force, start_history, stiffness),
             )
@@ -198,14 +220,20 @@ class InterfaceLawsOfPairs:
             which are zero at other points. The history is (m, n_history).
         """
         (m, dim), history = force.shape, start_history.copy()
+        n_fields = max(0 if fields is None else fields.n_fields for fields in self.fields)
+        by_fields = np.zeros((m, dim, n_fields)) if n_fields else None
         response = InterfaceResponse(
-            np.zeros((m, dim)), np.zeros((m, dim, dim)), np.zeros((m, dim, dim)), history
+            np.zeros((m, dim)),
+            np.zeros((m, dim, dim)),
+            np.zeros((m, dim, dim)),
+            history,
+            by_fields,
         )
         evaluated = self.has_law & np.isfinite(gap)
-        for law, all_points in self._points_of_law:
+        for law, all_points, fields in self._points_of_law:
             points = all_points[evaluated[all_points]]
             values = self._values_at(
-                law, points, (frame, gap, slip, force, start_history, stiffness)
+                law, fields, points, (frame, gap, slip, force, start_history, stiffness)
             )
             try:
                 result = evaluate_and_check_shapes(law, values)
@@ -215,12 +243,18 @@ class InterfaceLawsOfPairs:
                 continue
             for name in ("force", "by_motion", "by_force"):
                 getattr(response, name)[points] = getattr(result, name)
+            if by_fields is not None and result.by_fields is not None:
+                by_fields[points, :, : result.by_fields.shape[2]] = result.by_fields
             history[points, :dim] = np.einsum("nta,nt->na", frame[points, 1:], values.slip)
             history[points, dim : dim + law.n_history] = result.history
         return evaluated, response
 
     def _values_at(
-        self, law: InterfaceLaw, points: LocalIndices, state: tuple[Array, ...]
+        self,
+        law: InterfaceLaw,
+        fields: InterfaceFields | None,
+        points: LocalIndices,
+        state: tuple[Array, ...],
     ) -> InterfaceValues:
         frame, gap, slip, force, start_history, stiffness = (part[points] for part in state)
         dim = frame.shape[1]
@@ -242,6 +276,7 @@ class InterfaceLawsOfPairs:
             weight=self._weight[points],
             stiffness=stiffness,
             position=self._position[points],
+            fields=None if fields is None else fields.values[points],
         )
 
     def raise_kept_error(self) -> None:
@@ -257,7 +292,7 @@ class InterfaceLawsOfPairs:
     @property
     def may_soften(self) -> bool:
         """Whether any law has a softening branch, as a `SofteningLaw`."""
-        return any(isinstance(law, SofteningLaw) for law, _ in self._points_of_law)
+        return any(isinstance(law, SofteningLaw) for law, _, _ in self._points_of_law)
 
     def raise_if_softened_too_fast(self, start_history: Array, history: Array) -> None:
         """Raise SolutionNotFound if a node has softened too much in one step; collective.
@@ -267,7 +302,7 @@ class InterfaceLawsOfPairs:
             history: (m, n_history), history at its end.
         """
         too_fast, dim = np.zeros(len(self._position), dtype=bool), self._position.shape[1]
-        for law, points in self._points_of_law:
+        for law, points, _ in self._points_of_law:
             if isinstance(law, SofteningLaw):
                 start, end = (
                     law.softened_fraction(part[points, dim : dim + law.n_history])
@@ -289,7 +324,7 @@ class InterfaceLawsOfPairs:
         if law is None:
             return np.empty(0)
         sizes = np.array([-1.0, 1e-6, 1e-4, 1e-2, 1.0])
-        n = len(sizes)
+        n, fields = len(sizes), self.fields[pair_index]
         values = InterfaceValues(
             gap=sizes,
             slip=np.tile(sizes[:, None], dim - 1),
@@ -299,6 +334,7 @@ class InterfaceLawsOfPairs:
             weight=np.ones(n),
             stiffness=np.ones(n),
             position=np.zeros((n, dim)),
+            fields=None if fields is None else np.ones((n, fields.n_fields)),
         )
         return evaluate_and_check_shapes(law, values).force.ravel()
 
@@ -399,8 +435,8 @@ def make_interface_laws(
         is_axisymmetric: whether areas are those of the whole circumference.
 
     Raises:
-        ValueError: if a law fails, if differences contradict its derivatives, or if a node of a
-            pair with a law belongs to another pair as well.
+        ValueError: if a law fails, if differences contradict its derivatives, if a node of a pair
+            with a law belongs to another pair as well, or if a field belongs to another mesh.
     """
     laws = [pair.interface_law for pair in pairs]
     if all(law is None for law in laws):
@@ -422,8 +458,9 @@ def make_interface_laws(
                 is_axisymmetric=is_axisymmetric,
             )
     initial_gap = interface.evaluate_undeformed_gaps_and_normals(None)[0]
+    fields = [_make_fields_of_pair(pair, interface) for pair in pairs]
     laws_of_pairs = InterfaceLawsOfPairs(
-        laws, interface.pair, interface.position, initial_gap, weight, interface.comm
+        laws, interface.pair, interface.position, initial_gap, weight, interface.comm, fields
     )
     laws_of_pairs.check_derivatives_at_probes(interface.max_extent_of_points or 1.0)
     if interface.comm.size > 1:
@@ -433,3 +470,16 @@ def make_interface_laws(
         }
         check_same_values(interface.comm, samples, MAX_RELATIVE_DIFFERENCE_BETWEEN_RANKS)
     return laws_of_pairs
+
+
+def _make_fields_of_pair(pair: ContactPair, interface: ContactInterface) -> InterfaceFields | None:
+    if pair.interface_fields is None:
+        return None
+    for name, function in pair.interface_fields.items():
+        if function.function_space.mesh is not interface.field.space.mesh:
+            raise ValueError(
+                f"interface field {name!r} is on another mesh: make its space on the mesh of the "
+                "body, and interpolate the values"
+            )
+    faces_body = isinstance(pair.surface, DeformableSurface | MatchingNodes)
+    return InterfaceFields(pair.interface_fields, interface, faces_body=faces_body)

@@ -21,8 +21,11 @@ direction of the force. Forces are nodal forces. A pressure is a force divided b
 node, which is the integral of its weight function over the undeformed surface.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
+
+from petsc4py import PETSc
 
 import numpy as np
 
@@ -64,6 +67,11 @@ class InterfaceValues:
         stiffness: (m,), factor c of implicit laws: a force per length, of the order of the body's
             stiffness at the node. Solutions do not depend on it.
         position: (m, dim), undeformed positions of the nodes.
+        fields: (m, n_fields), values of the pair's `interface_fields`, in their order; None if it
+            has none. If the pair faces a body, a second set of columns in the same order has the
+            values of the other side: the node's own value less the jump across the interface,
+            which is averaged like the gap. Values are read at the start of an increment and are
+            constant in it.
     """
 
     gap: Array
@@ -74,6 +82,7 @@ class InterfaceValues:
     weight: Array
     stiffness: Array
     position: Array
+    fields: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -87,12 +96,15 @@ class InterfaceResponse:
         by_force: (m, dim, dim), derivatives of the forces by `InterfaceValues.force`; zero for
             explicit laws.
         history: (m, h), history variables at the end of the increment, if the increment ended here.
+        by_fields: (m, dim, n_fields), derivatives of the forces by `InterfaceValues.fields`;
+            required if the pair has `interface_fields`.
     """
 
     force: Array
     by_motion: Array
     by_force: Array
     history: Array
+    by_fields: Array | None = None
 
 
 @runtime_checkable
@@ -153,6 +165,19 @@ class SofteningLaw(InterfaceLaw, Protocol):
         """
 
 
+class InterfaceFieldValues(Protocol):
+    """Fields of a pair, of which its interface law is a function, at the m points of a process.
+
+    Attributes:
+        names: names of the fields.
+    """
+
+    names: list[str]
+
+    def differentiate_values(self, field_index: int, motion: PETSc.Mat) -> list[PETSc.Mat]:
+        """Return matrices (m, n_T) that turn a field's unknowns into values on both sides."""
+
+
 class InterfaceLawEvaluation(Protocol):
     """Interface laws of all pairs at the m contact points of a process.
 
@@ -165,6 +190,18 @@ class InterfaceLawEvaluation(Protocol):
     has_law: Mask
     n_history: int
     initial_history: Array
+
+    @property
+    def fields(self) -> Sequence[InterfaceFieldValues | None]:
+        """Fields of each pair; None for pairs without fields."""
+
+    def read_fields(self, motion: PETSc.Mat) -> None:
+        """Read the present values of the fields of all pairs; collective.
+
+        Args:
+            motion: matrix (m dim, n) that turns unknowns into displacements of the points relative
+                to the other side.
+        """
 
     @property
     def may_soften(self) -> bool:
@@ -207,7 +244,8 @@ def evaluate_and_check_shapes(law: InterfaceLaw, values: InterfaceValues) -> Int
 
     Raises:
         TypeError: if the law does not return an `InterfaceResponse`.
-        ValueError: if an array has the wrong shape or is not real.
+        ValueError: if an array has the wrong shape or is not real, or if the pair has fields and
+            the response has no derivatives by them.
     """
     response = law.evaluate(values)
     arguments.check_type(
@@ -220,6 +258,14 @@ def evaluate_and_check_shapes(law: InterfaceLaw, values: InterfaceValues) -> Int
         "by_force": (m, dim, dim),
         "history": (m, law.n_history),
     }
+    if values.fields is not None:
+        if response.by_fields is None:
+            raise ValueError(
+                "the pair has interface_fields, and its interface law returns no by_fields: return "
+                "InterfaceResponse(..., by_fields=...), the derivatives (m, dim, n_fields) of the "
+                "force by InterfaceValues.fields"
+            )
+        shapes["by_fields"] = (m, dim, values.fields.shape[1])
     return InterfaceResponse(
         **{
             name: arguments.check_user_function_values(
@@ -245,11 +291,10 @@ def find_wrong_derivatives(
 
     Returns:
         Mask (m,) of the nodes at which a derivative is wrong; and for each kind of derivative its
-        name, the derivatives (m, dim, dim) of the law, and the closest differences.
+        name, the derivatives (m, dim, columns) of the law, and the closest differences.
     """
     response, wrong = evaluate_and_check_shapes(law, values), np.zeros(len(values.gap), dtype=bool)
     compared = []
-    dim = values.force.shape[1]
     motion = np.column_stack([values.gap, values.slip_increment])
     # sizes of the variables as lengths; motions or forces alone may be round-off
     size = np.maximum(
@@ -257,12 +302,19 @@ def find_wrong_derivatives(
         np.abs(values.force).max(axis=1, initial=0.0) / values.stiffness,
     )
     size = np.where(size > 0, size, size.max(initial=0.0) or 1.0)
-    for kind, scale, given in (
-        ("by_motion", size, response.by_motion),
-        ("by_force", size * values.stiffness, response.by_force),
-    ):
+    dim = values.force.shape[1]
+    kinds = [
+        ("by_motion", np.tile(size[:, None], dim), response.by_motion),
+        ("by_force", np.tile((size * values.stiffness)[:, None], dim), response.by_force),
+    ]
+    if values.fields is not None and response.by_fields is not None:
+        field_size = np.abs(values.fields)
+        largest = field_size.max(axis=0, initial=0.0)
+        field_size = np.where(field_size > 0, field_size, np.where(largest > 0, largest, 1.0))
+        kinds.append(("by_fields", field_size, response.by_fields))
+    for kind, scales, given in kinds:
         closest = np.full_like(given, np.nan)
-        for column in range(dim):
+        for column, scale in enumerate(scales.T):
             for relative_step in _RELATIVE_DIFFERENCE_STEPS:
                 step = relative_step * scale
                 forward, backward = (
@@ -280,11 +332,14 @@ def find_wrong_derivatives(
                     error = np.abs(candidate - given[:, :, column])
                     is_closer = ~(error >= np.abs(closest[:, :, column] - given[:, :, column]))
                     closest[:, :, column] = np.where(is_closer, candidate, closest[:, :, column])
-        tolerance = _DERIVATIVE_TOLERANCE * np.abs(given).max(axis=(1, 2), initial=0.0)
+        # fields differ in their units
+        axes = 1 if kind == "by_fields" else (1, 2)
+        largest = np.abs(given).max(axis=axes, initial=0.0, keepdims=True)
         # round-off of forces in differences with the largest step
         round_off = np.finfo(float).eps * np.abs(response.force).max(axis=1, initial=0.0)
-        tolerance += 4 * round_off / (_RELATIVE_DIFFERENCE_STEPS[0] * scale)
-        is_right = np.abs(closest - given) <= tolerance[:, None, None]
+        round_off = 4 * round_off[:, None] / (_RELATIVE_DIFFERENCE_STEPS[0] * scales)
+        tolerance = _DERIVATIVE_TOLERANCE * largest + round_off[:, None, :]
+        is_right = np.abs(closest - given) <= tolerance
         wrong |= ~is_right.all(axis=(1, 2))
         compared.append((kind, given, closest))
     return wrong, compared
@@ -293,7 +348,12 @@ def find_wrong_derivatives(
 def _shift_component(
     values: InterfaceValues, kind: str, column: int, shift: Array
 ) -> InterfaceValues:
-    """Return values with one component of motion or force shifted by `shift` (m,)."""
+    """Return values with one component of motion, force or fields shifted by `shift` (m,)."""
+    if kind == "by_fields":
+        assert values.fields is not None
+        fields = values.fields.copy()
+        fields[:, column] += shift
+        return replace(values, fields=fields)
     if kind == "by_force":
         force = values.force.copy()
         force[:, column] += shift

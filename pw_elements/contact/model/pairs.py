@@ -1,10 +1,11 @@
 """Input of contact problems: contact pairs and the motions of their surfaces."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from dolfinx import fem
 from dolfinx.mesh import MeshTags
 
 from pw_elements.arrays import Array, RealVector
@@ -204,12 +205,16 @@ class ContactPair:
         interface_law: law of the forces between both sides, in place of unilateral contact with
             `friction`: an elastic layer, a tie, cohesion, contact with wear, or your own law (see
             `InterfaceLaw`).
+        interface_fields: scalar functions of continuous Lagrange spaces on the mesh of the body, by
+            name, for example {"temperature": T}. The interface law gets their values at the nodes
+            as `InterfaceValues.fields`. They are read at the start of every increment.
 
     Raises:
         TypeError: for arguments of the wrong type, for example in the wrong order.
         ValueError: for a friction coefficient that is negative or not a number, an interference of
             the wrong kind for the surface, a pivot of a deformable surface, a pivot in space
-            without an axis, or an interface law with friction or a pivot.
+            without an axis, an interface law with friction or a pivot, or interface fields
+            without a law or in unsuitable spaces.
     """
 
     nodes: EntitySelection
@@ -220,11 +225,13 @@ class ContactPair:
     pivot: RealVector | None = None
     axis: RealVector | None = None
     interface_law: InterfaceLaw | None = None
+    interface_fields: Mapping[str, fem.Function] | None = None
 
     @defer_errors_if_parallel
     def __post_init__(self) -> None:
         _check_part_selects_nodes_or_facets("nodes", self.nodes, "ContactPair(nodes, surface)")
         self._check_interface_law()
+        self._check_interface_fields()
         bodies = (MatchingNodes, DeformableSurface)
         if self.pivot is not None and isinstance(self.surface, bodies):
             raise ValueError("a deformable body has no pivot: supports rotate it")
@@ -284,6 +291,40 @@ class ContactPair:
                 "a pair has an interface law and a pivot: laws are available for surfaces that do "
                 "not turn"
             )
+
+    def _check_interface_fields(self) -> None:
+        fields = self.interface_fields
+        if fields is None:
+            return
+        remedy = 'give a dictionary of functions by name, {"temperature": T}'
+        arguments.check_type("interface_fields", fields, Mapping, remedy)
+        if not fields:
+            raise ValueError(f"interface_fields is empty: {remedy}, or leave it out")
+        if self.interface_law is None:
+            raise ValueError(
+                "a pair has interface_fields and no interface law: the law is the function of the "
+                "fields, so give it as interface_law"
+            )
+        for name, function in fields.items():
+            arguments.check_type("a name of interface_fields", name, str, remedy)
+            arguments.check_type(f"interface field {name!r}", function, fem.Function, remedy)
+            if function.dtype != np.float64:
+                raise ValueError(
+                    f"interface field {name!r} has values of type {function.dtype}: give a "
+                    "function of real numbers with double precision"
+                )
+            space = function.function_space
+            if space.value_shape:
+                raise ValueError(
+                    f"interface field {name!r} has values of shape {tuple(space.value_shape)}: "
+                    "give a scalar function, one for each component"
+                )
+            element = space.ufl_element()
+            if element.family_name != "P" or element.discontinuous or element.degree < 1:
+                raise ValueError(
+                    f"interface field {name!r} is in {element}: its space has to be a continuous "
+                    'Lagrange space, such as fem.functionspace(mesh, ("P", 1))'
+                )
 
     @property
     def law(self) -> Friction:

@@ -7,6 +7,10 @@ from pw_elements.contact.nodes.deformed import (
     RigidSurfaceMotion,
 )
 from pw_elements.contact.nodes.frames import make_frames
+from pw_elements.contact.nodes.law_derivatives import (
+    assemble_force_derivatives_by_fields,
+    read_interface_fields,
+)
 from pw_elements.contact.nodes.law_nodes import (
     InterfaceLawNodes,
     evaluate_laws_that_hold_free_surfaces,

@@ -75,6 +75,7 @@ from pw_elements.contact.nodes import (
     RigidSurfaceMotion,
     make_increment_start,
     make_sticking_active_set,
+    read_interface_fields,
 )
 from pw_elements.contact.output import (
     ProgressCallback,
@@ -214,6 +215,7 @@ class LargeStrainStepping:
                 "displacements: give it a translation, or give the body supports and loads"
             )
         with report_activity(interface.comm, f"contact increment {state.increment}"):
+            read_interface_fields(interface, state)
             reporter = ProgressReporter(interface.comm, state.increment, self._callback)
             system = self._cached_contact_system_for(end.free_motions)
             cost_before = measure_cost([system])

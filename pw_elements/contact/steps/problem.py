@@ -31,6 +31,7 @@ from pw_elements.contact.model import (
     check_and_list_history_functions,
     make_update_from_expressions,
 )
+from pw_elements.contact.nodes import assemble_force_derivatives_by_fields
 from pw_elements.contact.output import (
     ProblemFingerprint,
     ProgressCallback,
@@ -459,6 +460,32 @@ class ContactProblem:
         )
 
     @check_same_arguments_on_all_processes
+    @check_same_arguments_on_all_processes
+    def differentiate_forces_by_fields(
+        self, start: ContactState, state: ContactState, pair: int = 0
+    ) -> dict[str, PETSc.Mat]:
+        """Return derivatives of nodal contact forces by the nodal values of interface fields.
+
+        They are matrices (n, n_T) by the names of the pair's fields, with the rows of the unknowns,
+        on both sides, and the columns of the field's space. Displacements are constant: under a
+        small change dT, the body moves as under the additional load D dT.
+
+        Args:
+            start: state from which the increment started.
+            state: state at its end.
+            pair: number of the contact pair.
+
+        Raises:
+            ValueError: if the pair has no fields, if these have changed since the state was
+                computed, or if the law gives no force as a function of gap and slip.
+        """
+        check_state_fits_problem(start, self.undeformed, "the start")
+        check_state_fits_problem(state, self.undeformed, "the state")
+        interface = self._current_stepping.interface
+        if arguments.check_integer("pair", pair, 0) >= len(self.pairs):
+            raise ValueError(f"there is no contact pair {pair}: there are {len(self.pairs)}")
+        return assemble_force_derivatives_by_fields(interface, start, state, pair)
+
     def release(self) -> None:
         """Free the memory of the solver on all processes.
 

@@ -74,6 +74,7 @@ from pw_elements.contact.nodes import (
     SmallStrainKinematics,
     TorqueMap,
     make_increment_start,
+    read_interface_fields,
 )
 from pw_elements.contact.output import ProgressCallback, ProgressReporter
 from pw_elements.contact.rescue import (
@@ -243,6 +244,7 @@ class SmallStrainStepping:
         free_motions = end.free_motions
         comm = self.interface.comm
         with report_activity(comm, f"contact increment {state.increment}"):
+            read_interface_fields(self.interface, state)
             reporter = ProgressReporter(comm, state.increment, self._callback)
             cost_before = self._measure_cost_since(free_motions)
             try:
