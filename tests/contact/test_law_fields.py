@@ -88,7 +88,7 @@ def make_temperature(mesh, expression, degree=2):
     return T
 
 
-def warm_floor(T, law=None):
+def warm_floor_pair(T, law=None):
     return ContactPair(
         on_plane(1, 0.0),
         UP_DOWN,
@@ -103,7 +103,7 @@ def test_a_layer_softens_with_a_uniform_temperature(solver):
     bar, pressure = Bar(), 3.0
     T = make_temperature(bar.mesh, lambda x: 0 * x[0])
     supports = bar.make_supports((0, on_plane(1, HEIGHT)))
-    problem = bar.contact_problem(warm_floor(T), supports, solver=solver)
+    problem = bar.contact_problem(warm_floor_pair(T), supports, solver=solver)
     load, state = bar.traction_load((0.0, -pressure), on_plane(1, HEIGHT)), problem.undeformed
     for temperature in (0.0, 100.0, 300.0, 50.0):
         T.x.array[:] = temperature
@@ -122,7 +122,7 @@ def test_a_loaded_block_turns_on_a_layer_with_a_linear_temperature(solver, degre
     """
     bar, pressure = Bar(method), 3.0
     T = make_temperature(bar.mesh, lambda x: 50.0 + 100.0 * x[0], degree)
-    problem = bar.contact_problem(warm_floor(T), solver=solver)
+    problem = bar.contact_problem(warm_floor_pair(T), solver=solver)
     load = bar.traction_load((0.0, -pressure), on_plane(1, HEIGHT))
     state = problem.step(problem.undeformed, load)
     (pair,) = state.pairs
@@ -155,7 +155,7 @@ def make_small_strain_case(name, comm=MPI.COMM_SELF):
         top, traction = None, (1e-4, -1e-3) if body.dim == 2 else (1e-4, -5e-5, -1e-3)
     T = make_temperature(body.mesh, lambda x: 60 + 80 * x[0] * x[1] + 30 * np.sin(3 * x[0]), 1)
     if name == "rigid":
-        pair, supports = warm_floor(T), None
+        pair, supports = warm_floor_pair(T), None
     else:
         pair = replace(
             body.make_pair("upper"),
@@ -229,7 +229,9 @@ def test_a_layer_softens_under_rubber_at_large_strains(solver):
         prescribe(u.function_space, 1, on_plane(1, 1.0), 0.0),
     ]
     T, law = make_temperature(block.mesh, lambda x: 0 * x[0]), WarmLayer(2.0)
-    problem = ContactProblem.of_residual(residual, u, conditions, warm_floor(T, law), solver=solver)
+    problem = ContactProblem.of_residual(
+        residual, u, conditions, warm_floor_pair(T, law), solver=solver
+    )
     state = problem.undeformed
     for temperature, distance in ((0.0, 0.2), (150.0, 0.2), (400.0, 0.3)):
         T.x.array[:] = temperature
@@ -395,22 +397,22 @@ def test_wrong_fields_are_refused_before_any_computation():
     bar = Bar()
     T = make_temperature(bar.mesh, lambda x: 300 + x[0])
     with pytest.raises(ValueError, match=r"gives by_fields\[\d, 0\] = "):
-        bar.contact_problem(warm_floor(T, WarmLayer(falsification=1.01)))
+        bar.contact_problem(warm_floor_pair(T, WarmLayer(falsification=1.01)))
     with pytest.raises(ValueError, match=r"returns no by_fields"):
-        bar.contact_problem(warm_floor(T, LAYER))
+        bar.contact_problem(warm_floor_pair(T, LAYER))
     other = make_temperature(Bar().mesh, lambda x: x[0])
     with pytest.raises(ValueError, match=r"'temperature' is on another mesh"):
-        bar.contact_problem(warm_floor(other))
+        bar.contact_problem(warm_floor_pair(other))
     with pytest.raises(ValueError, match=r"no interface law"):
         ContactPair(on_plane(1, 0.0), UP_DOWN, interface_fields={"temperature": T})
     with pytest.raises(ValueError, match=r"values of shape \(2,\)"):
-        warm_floor(fem.Function(bar.space))
+        warm_floor_pair(fem.Function(bar.space))
     with pytest.raises(ValueError, match=r"type complex128"):
-        warm_floor(fem.Function(T.function_space, dtype=np.complex128))
+        warm_floor_pair(fem.Function(T.function_space, dtype=np.complex128))
     with pytest.raises(ValueError, match=r"continuous Lagrange space"):
-        warm_floor(fem.Function(fem.functionspace(bar.mesh, ("DG", 0))))
+        warm_floor_pair(fem.Function(fem.functionspace(bar.mesh, ("DG", 0))))
     with pytest.raises(TypeError, match=r"interface field 'temperature'"):
-        warm_floor(20.0)
+        warm_floor_pair(20.0)
     problem = bar.make_problem(LAYER, -0.001)
     state = problem.step(problem.undeformed)
     with pytest.raises(ValueError, match=r"contact pair 0 has no interface_fields"):
@@ -433,7 +435,7 @@ def test_closed_contact_has_no_derivative_at_constant_displacements():
     T = make_temperature(bar.mesh, lambda x: 0 * x[0])
     top = on_plane(1, HEIGHT)
     supports = bar.make_supports((0, top), (1, top, -0.001))
-    problem = bar.contact_problem(warm_floor(T, WarmContact()), supports)
+    problem = bar.contact_problem(warm_floor_pair(T, WarmContact()), supports)
     state = problem.step(problem.undeformed)
     with pytest.raises(ValueError, match=r"no force as a function of gap and slip"):
         problem.differentiate_forces_by_fields(problem.undeformed, state)

@@ -33,6 +33,7 @@ from pw_elements import (
 from pw_elements.contact import ContactFields, ContactProblem, Motion, Plane
 from pw_elements.meshes import triangles
 from tests.contact.cases import BlockOnFloor, on_plane
+from tests.contact.test_law_fields import make_temperature, warm_floor_pair
 
 ROOT = Path(__file__).parents[2]
 BOTTOM_MARKER, TOP_MARKER = on_plane(1, 0.0), on_plane(1, 2.0)
@@ -76,6 +77,9 @@ def make_valid_collective_calls(comm):
     ds = boundary_measure(w.mesh, TOP_MARKER)
     problem = ContactProblem(w.K, w.block.no_supports, w.pair, w.U)
     state = problem.step(problem.undeformed, w.load)
+    warm_floor = warm_floor_pair(make_temperature(w.mesh, lambda x: 10 * x[0]))
+    warm = ContactProblem(w.K, w.block.no_supports, warm_floor, w.U)
+    warm_state = warm.step(warm.undeformed, w.load)
     u, v = fem.Function(w.U), ufl.TestFunction(w.spaces.test)
     depth = fem.Constant(w.mesh, 0.01)
     F = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx
@@ -141,6 +145,10 @@ def make_valid_collective_calls(comm):
             problem.sensitivity,
             {"states": [problem.undeformed, state], "outputs": [("force", 0, 1)]}
             | {"parameters": [(w.load, [0.0, 1.0])], "loads": [w.load], "weights": [[1.0]]},
+        ),
+        "ContactProblem.differentiate_forces_by_fields": (
+            warm.differentiate_forces_by_fields,
+            {"start": warm.undeformed, "state": warm_state, "pair": 0},
         ),
         "ContactProblem.with_changes": (
             problem.with_changes,

@@ -460,7 +460,6 @@ class ContactProblem:
         )
 
     @check_same_arguments_on_all_processes
-    @check_same_arguments_on_all_processes
     def differentiate_forces_by_fields(
         self, start: ContactState, state: ContactState, pair: int = 0
     ) -> dict[str, PETSc.Mat]:
@@ -486,6 +485,7 @@ class ContactProblem:
             raise ValueError(f"there is no contact pair {pair}: there are {len(self.pairs)}")
         return assemble_force_derivatives_by_fields(interface, start, state, pair)
 
+    @check_same_arguments_on_all_processes
     def release(self) -> None:
         """Free the memory of the solver on all processes.
 
