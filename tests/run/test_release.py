@@ -12,8 +12,8 @@ import pw_elements
 
 ROOT = Path(__file__).parents[2]
 WORKFLOWS = sorted((ROOT / ".github" / "workflows").glob("*.yml"))
-# a major version (also as a branch), or a commit
-PINNED_ACTION = r"[\w-]+/[\w/-]+@(v\d+|release/v\d+|[0-9a-f]{40})"
+# a version or a commit
+PINNED_ACTION = r"[\w-]+/[\w/-]+@(v\d+(\.\d+)*|[0-9a-f]{40})"
 
 
 def load_workflow(name):
