@@ -1,10 +1,12 @@
 """Drafts for journals: they can be read, cite what exists, and agree with the results."""
 
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
 
+import pw_elements
 from study.publish.site import copy_guide_without_drafts
 from study.publish.texts import REFERENCES
 
@@ -13,6 +15,7 @@ FOLDER = ROOT / "docs" / "publication"
 PAPER = (FOLDER / "paper.md").read_text(encoding="utf-8")
 BIBLIOGRAPHY = (FOLDER / "paper.bib").read_text(encoding="utf-8")
 METADATA = (FOLDER / "metadata.yaml").read_text(encoding="utf-8")
+RECIPE = (FOLDER / "recipe.yaml").read_text(encoding="utf-8")
 FRONT_MATTER, BODY = PAPER.removeprefix("---\n").split("\n---\n", 1)
 BODY_TEXT = " ".join(BODY.split())
 PAPER_SECTIONS = [
@@ -22,7 +25,9 @@ PAPER_SECTIONS = [
 # what only a person can know
 FILLED_BY_A_PERSON = re.compile(
     r"(name|ORCID|email) of the first author|name of the institution(, city, country)?"
-    r"|city and country of the institution|public URL of (the repository|an archive of the results)"
+    r"|city and country of the institution"
+    r"|public URL of (the repository|an archive of the results|the sdist)"
+    r"|sha256 of the sdist|account of the maintainer"
 )
 REQUIRED_ENTRIES = {"author", "title", "year"}
 PUBLIC_SOFTWARE_KEYS = {"basix", "ufl"}  # cited by the draft alone
@@ -66,6 +71,40 @@ def test_metadata_have_the_entries_of_their_template():
     assert 100 < len(metadata["abstract"].split()) < 250
 
 
+def test_the_conda_recipe_agrees_with_the_metadata_of_the_package():
+    yaml = pytest.importorskip("yaml")
+    recipe = yaml.safe_load(RECIPE)
+    pyproject = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    project = pyproject["project"]
+    context = recipe["context"]
+    assert context["name"] == project["name"]
+    assert context["version"] == pw_elements.__version__
+    assert f">={context['python_min']}" == project["requires-python"]
+    assert recipe["package"] == {"name": "${{ name }}", "version": "${{ version }}"}
+    assert recipe["about"]["summary"] == project["description"]
+    assert recipe["about"]["license"] == project["license"]
+    assert [recipe["about"]["license_file"]] == project["license-files"]
+
+    def split_names(lines):
+        parts = (re.fullmatch(r"([\w-]+) ?(.*)", line) for line in lines)
+        return {part[1]: part[2] for part in parts}
+
+    host = split_names(recipe["requirements"]["host"])
+    assert split_names(pyproject["build-system"]["requires"]).items() <= host.items()
+    run = split_names(recipe["requirements"]["run"])
+    declared = split_names(project["dependencies"])
+    assert declared.items() <= run.items()
+    assert run["python"] == ">=${{ python_min }}"
+    # DOLFINx in the versions that the import accepts, with what the library imports of it
+    code = (ROOT / "pw_elements" / "__init__.py").read_text()
+    (accepted,) = re.findall(r'split\("\."\)\[:2\] not in \((.*)\):', code)
+    minors = [int(minor) for minor in re.findall(r'"0", "(\d+)"', accepted)]
+    assert run["fenics-dolfinx"] == "|".join(f">=0.{n},<0.{n + 1}" for n in minors)
+    assert run["petsc"] == "* real_*"
+    others = {"python", "fenics-dolfinx", "petsc", "mpi4py", "petsc4py", "slepc4py", "c-compiler"}
+    assert run.keys() == declared.keys() | others
+
+
 def test_draft_has_its_sections_and_length():
     assert re.findall(r"^# (.*)$", BODY, re.MULTILINE) == PAPER_SECTIONS
     assert 250 <= len(BODY.split()) <= 1000
@@ -98,12 +137,12 @@ def test_the_bibliography_agrees_with_the_references_of_the_report():
 
 
 def test_only_names_and_addresses_are_left_to_be_filled():
-    for text in (PAPER, METADATA):
+    for text in (PAPER, METADATA, RECIPE):
         places = re.findall(r"TO BE FILLED: (.*?)['\"]", text)
         assert places
         assert len(places) == text.count("TO BE FILLED:")
         assert [place for place in places if not FILLED_BY_A_PERSON.fullmatch(place)] == []
-    for text in (PAPER, METADATA, BIBLIOGRAPHY):
+    for text in (PAPER, METADATA, RECIPE, BIBLIOGRAPHY):
         assert not re.search(r"\b(TODO|FIXME|XXX|TBD)\b|\?\?|lorem", text, re.IGNORECASE)
 
 
