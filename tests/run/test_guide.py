@@ -16,6 +16,8 @@ PAGES_WITH_CODE = sorted(
     # the tutorial is tested by test_tutorial
     if "```python" in path.read_text() and path.name != "your-own-problem.md"
 )
+# pages and folders of the site that are no sources of the guide
+GENERATED_PAGES = ("gallery", "reference", "evidence", "report", "changes")
 
 
 @pytest.mark.parametrize("page", PAGES_WITH_CODE, ids=lambda page: page.stem)
@@ -35,11 +37,11 @@ def test_every_how_to_page_is_in_the_index():
 def test_links_within_the_guide_lead_to_existing_pages():
     """All links within the guide lead to existing pages.
 
-    Links to generated pages (gallery, reference, evidence) are checked by the tests of the site.
+    Links to generated pages are checked by the tests of the site.
     """
     for page in DOCS_FOLDER.rglob("*.md"):
         for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text()):
-            if target.removeprefix("../").split("/")[0] in ("gallery", "reference", "evidence"):
+            if target.removeprefix("../").split("/")[0] in GENERATED_PAGES:
                 continue
             path = page.parent / target
             assert path.is_file() or path.with_suffix(".md").is_file(), f"{page.name}: {target}"
