@@ -319,12 +319,12 @@ class StiffnessWithAddedMatrix:
         self._K = K
         self.added: PETSc.Mat | None = None
 
-    def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+    def mult(self, _: PETSc.Mat | None, x: PETSc.Vec, y: PETSc.Vec) -> None:
         self._K.mult(x, y)
         if self.added is not None:
             self.added.multAdd(x, y, y)
 
-    def multTranspose(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+    def multTranspose(self, _: PETSc.Mat | None, x: PETSc.Vec, y: PETSc.Vec) -> None:
         self._K.multTranspose(x, y)
         if self.added is not None:
             self.added.multTransposeAdd(x, y, y)

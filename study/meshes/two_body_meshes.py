@@ -88,19 +88,6 @@ def mesh_two_blocks_in_space(
     return mesh, (find_facets(curvatures[1], gap, extent), find_facets(curvatures[0], 0.0, np.inf))
 
 
-def mesh_two_blocks_of_tetrahedra(
-    lower_lines: Sequence[Array],
-    upper_lines: Sequence[Array],
-    curvatures: tuple[float, float],
-    gap: float,
-    extent: float = np.inf,
-) -> tuple[Mesh, tuple[Indices, Indices]]:
-    """Return `mesh_two_blocks_in_space` for tetrahedra."""
-    return mesh_two_blocks_in_space(
-        "tetrahedron", lower_lines, upper_lines, curvatures, gap, extent
-    )
-
-
 def mesh_ball_on_block(
     elements_per_radius: float, ball_over_block_elements: float, radius: float, gap: float
 ) -> tuple[Mesh, tuple[Indices, Indices]]:
@@ -121,4 +108,6 @@ def mesh_ball_on_block(
     )
     lower_lines = block_across, block_across, -block_depth[::-1]
     upper_lines = across, across, depth
-    return mesh_two_blocks_of_tetrahedra(lower_lines, upper_lines, (0.0, 1 / radius), gap, extent)
+    return mesh_two_blocks_in_space(
+        "tetrahedron", lower_lines, upper_lines, (0.0, 1 / radius), gap, extent
+    )

@@ -27,6 +27,7 @@ from pw_elements.contact import (
     write,
 )
 from pw_elements.contact.interface import gather_boundary_facets
+from pw_elements.contact.interface.mortars.overlap import evaluate_corner_shape_functions
 from pw_elements.spaces import SubSpace
 from tests.contact.cases import ElasticBody, on_plane
 from tests.contact.test_friction import assert_friction_law
@@ -186,6 +187,21 @@ def integrate_hat_functions_beyond(corners, end_x):
     backwards = ends[:, 1, 0] < ends[:, 0, 0]
     line_weights[backwards] = line_weights[backwards, ::-1]
     return line_weights if corners.shape[1] == 2 else np.tile(line_weights, 2) * width[:, 1:2] / 2
+
+
+def test_shape_functions_are_found_in_any_convex_quadrilateral():
+    """They interpolate the points, also where a quadrilateral is almost a triangle."""
+    generator = np.random.default_rng(1)
+    corners = generator.uniform(-1, 1, (20_000, 4, 2))  # in tensor-product order
+    edges = np.roll(corners[:, [0, 1, 3, 2]], -1, axis=1) - corners[:, [0, 1, 3, 2]]
+    following = np.roll(edges, -1, axis=1)
+    turns = edges[..., 0] * following[..., 1] - edges[..., 1] * following[..., 0]
+    corners = corners[(turns > 1e-3).all(axis=1)]
+    u, v = generator.uniform(0, 1, (2, len(corners), 5))
+    functions = np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=2)
+    found = evaluate_corner_shape_functions(corners, functions @ corners)
+    assert len(corners) > 1000
+    np.testing.assert_allclose(found, functions, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from dolfinx.mesh import compute_midpoints
 
 from study.benchmarks.v17_bodies.problems import SlidingHistory
 from study.benchmarks.v18_bodies_in_space import problems
-from study.meshes.two_body_meshes import mesh_two_blocks_of_tetrahedra
+from study.meshes.two_body_meshes import mesh_two_blocks_in_space
 from study.solutions.calculix import blocks_in_space
 from study.solutions.calculix.blocks_in_space import (
     PATCHES,
@@ -76,7 +76,9 @@ def test_nodal_forces_of_uniform_displacement_gradients_have_the_exact_resultant
 def test_sides_of_two_blocks_belong_to_the_right_block_and_lie_on_their_paraboloids():
     lines = [np.linspace(-1, 1, 3), np.linspace(-1, 1, 3), np.array([-1.0, 0.0])]
     upper_lines = [*lines[:2], np.array([0.0, 1.0])]
-    mesh, (slave, master) = mesh_two_blocks_of_tetrahedra(lines, upper_lines, (0.1, 0.3), 0.01)
+    mesh, (slave, master) = mesh_two_blocks_in_space(
+        "tetrahedron", lines, upper_lines, (0.1, 0.3), 0.01
+    )
     assert len(slave) == len(master) == 8
     assert (compute_midpoints(mesh, 2, slave.astype(np.int32))[:, 2] > 0.01).all()
     mesh.topology.create_connectivity(2, 3)
@@ -92,7 +94,9 @@ def test_sides_of_two_blocks_belong_to_the_right_block_and_lie_on_their_parabolo
 def test_slave_ends_at_the_given_extent():
     lines = [np.linspace(-1, 1, 5), np.linspace(-1, 1, 5), np.array([-1.0, 0.0])]
     upper_lines = [*lines[:2], np.array([0.0, 1.0])]
-    _, (slave, master) = mesh_two_blocks_of_tetrahedra(lines, upper_lines, (0.0, 0.0), 0.01, 0.5)
+    _, (slave, master) = mesh_two_blocks_in_space(
+        "tetrahedron", lines, upper_lines, (0.0, 0.0), 0.01, 0.5
+    )
     assert (len(slave), len(master)) == (8, 32)
 
 

@@ -66,21 +66,22 @@ class InterfaceFields:
             motion: matrix (m dim, n) that turns unknowns into displacements of the points relative
                 to the other side. If it is None, the other side gets the values of the own side.
         """
-        columns: dict[bool, list[Array]] = {False: [], True: []}
+        own_columns, other_columns = [], []
         for function, interpolation in zip(self._functions, self._interpolations, strict=True):
             at_nodes = interpolation.createVecRight()
             at_nodes.setArray(function.x.array[: at_nodes.getLocalSize()])
             nodal_values = interpolation * at_nodes
             own = nodal_values.array_r[self._interface.local_node_indices]
-            columns[False].append(own)
+            own_columns.append(own)
+            if not self._faces_body:
+                continue
             other = own.copy()
-            if motion is not None and self._faces_body:
+            if motion is not None:
                 unknowns = self._first_component_of_unknowns() * nodal_values
                 dim = self._interface.position.shape[1]
                 other -= (motion * unknowns).array_r.reshape(-1, dim)[:, 0]
-            columns[True].append(other)
-        both = columns[False] + (columns[True] if self._faces_body else [])
-        self.values: Array = np.column_stack(both)
+            other_columns.append(other)
+        self.values: Array = np.column_stack(own_columns + other_columns)
 
     def differentiate_values(self, field_index: int, motion: PETSc.Mat) -> list[PETSc.Mat]:
         """Return the derivatives of a field's columns in `values`; collective.

@@ -62,8 +62,8 @@ def assemble_force_derivatives_by_fields(
         raise ValueError(
             f"contact pair {pair_index} has no interface_fields: give them to the ContactPair"
         )
-    for _, substate in state.substates:
-        start = substate
+    if state.substates:
+        _, start = state.substates[-1]
     normal, gap, slip, force_normal, force_tangential = interface.extract_local_pair_state_values(
         state.pairs, "normal", "gap", "slip", "force_normal", "force_tangential"
     )

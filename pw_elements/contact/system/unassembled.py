@@ -25,6 +25,7 @@ from pw_elements.contact.interface import (
 from pw_elements.contact.model import FreeMotionIndices
 from pw_elements.contact.nodes import LinearisedContactLaw
 from pw_elements.contact.system.additional_forces import AdditionalForceElimination
+from pw_elements.solvers import StiffnessWithAddedMatrix
 from pw_elements.spaces import SubSpace
 
 
@@ -196,7 +197,7 @@ class MatrixFreeContactOperator:
     """
 
     def __init__(self, K: PETSc.Mat, free: Mask, points: ContactPointOperators) -> None:
-        self._K = K
+        self._stiffness = StiffnessWithAddedMatrix(K)
         self._prescribed: Indices = np.flatnonzero(~free)
         self._comm: MPI.Comm = K.comm.tompi4py()
         self._free_displacement, self._product = K.createVecs()
@@ -219,7 +220,7 @@ class MatrixFreeContactOperator:
             added_stiffness: matrix (n, n) that is added to the stiffness, such as that of forces
                 which move with the bodies; None for none.
         """
-        self._points, self._added_stiffness = points, added_stiffness
+        self._points, self._stiffness.added = points, added_stiffness
         self._rows = points.rows
         self._has_row = self._rows >= 0
         self._motions, self._point_forces = (
@@ -232,14 +233,10 @@ class MatrixFreeContactOperator:
         The nodal forces follow from the product of the stiffness with displacements, and are
         weighted with `weights` (m, dim).
         """
-        rows, point_factors = self._rows, self._K.createVecLeft()
-        point_factors.array[rows[self._has_row]] = (self._points.force_factor * weights)[
-            self._has_row
-        ]
-        row = self._K.createVecRight()
-        self._K.multTranspose(point_factors, row)
-        if self._added_stiffness is not None:
-            self._added_stiffness.multTransposeAdd(point_factors, row, row)
+        point_factors, row = self._product.duplicate(), self._free_displacement.duplicate()
+        factors = self._points.force_factor * weights
+        point_factors.array[self._rows[self._has_row]] = factors[self._has_row]
+        self._stiffness.multTranspose(None, point_factors, row)
         return np.array(row.array_r)
 
     def set_law(self, law: LinearisedContactLaw) -> Array:
@@ -300,9 +297,7 @@ class MatrixFreeContactOperator:
         points, values, product = self._points, x.array_r, self._product
         n = product.getLocalSize()
         law_values = self._evaluate_motion_terms_of_all_points(x)
-        self._K.mult(self._free_displacement, product)
-        if self._added_stiffness is not None:
-            self._added_stiffness.multAdd(self._free_displacement, product, product)
+        self._stiffness.mult(None, self._free_displacement, product)
         force = points.extract_nodal_forces(product.array_r)
         law_values += np.einsum("nab,nb->na", self._E, force)
         if self.elimination is not None:

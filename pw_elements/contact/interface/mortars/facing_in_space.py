@@ -6,10 +6,9 @@ strains"). The module shares no code with `space`, whose integrals are used in t
 A sub-facet of the master, which is a triangle or a quadrilateral, is projected onto the plane of a
 sub-facet of the slave along the latter's normal. The corners of the intersection are among the
 corners of both and the points at which their edges cross. Taken in the order of their angle around
-their mean position, they divide the intersection into triangles, on which a quadrature rule is
-exact for triangular sub-facets, and of a high degree for quadrilaterals.
-Distances are measured between the curved facets, to which the sub-facets belong, by their quadratic
-functions.
+their mean position, they divide the intersection into triangles. On these, the quadrature rule is
+exact for triangular sub-facets, and of a high degree for quadrilaterals. Distances are measured
+between the curved facets, to which the sub-facets belong, by their quadratic functions.
 """
 
 from dataclasses import dataclass
@@ -310,8 +309,7 @@ def _unit_normals(corners: Array) -> Array:
 
     The normal of a quadrilateral is perpendicular to its diagonals.
     """
-    last = corners[:, 2] if corners.shape[1] == 3 else corners[:, 3]
-    vectors = np.cross(corners[:, 2] - corners[:, 0], last - corners[:, 1])
+    vectors = np.cross(corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1])
     return _normalise(np.asarray(vectors, dtype=float))
 
 

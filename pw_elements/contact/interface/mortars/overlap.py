@@ -25,11 +25,7 @@ _MIN_OVERLAP_FRACTION_OF_SLAVE_SUB_FACET = 1e-12
 # Largest cosine between the outward normals of two sub-facets that face each other
 MAX_COSINE_OF_FACING_OUTWARD_NORMALS = -1e-2
 # Corners of a sub-facet in the order along its rim, by its number of corners
-_RIM_CORNER_ORDER_BY_CORNER_COUNT = {3: [0, 1, 2], 4: [0, 1, 3, 2]}
-# Newton's method for reference coordinates in a quadrilateral: maximum number of steps, and largest
-# change of a coordinate in the final step
-_MAX_INVERSE_MAPPING_NEWTON_STEPS = 25
-_REFERENCE_COORDINATE_TOLERANCE = 1e-14
+RIM_CORNER_ORDER_BY_CORNER_COUNT = {3: [0, 1, 2], 4: [0, 1, 3, 2]}
 
 
 def compute_unoriented_cell_normals(corners: Array) -> Array:
@@ -132,35 +128,65 @@ def find_overlap_simplices(
 def evaluate_corner_shape_functions(corners: Array, points: Array) -> Array:
     """Return the shape functions (q, g, k) of cells with corners (q, k, d) at points (q, g, d).
 
-    Shape functions are linear on intervals and triangles, and bilinear on quadrilaterals. On
-    quadrilaterals, the reference coordinates of the points are computed by Newton's method.
+    Shape functions are linear on intervals and triangles, and bilinear on quadrilaterals.
     """
     k, d = corners.shape[1:]
+    if k == 4:
+        rim = RIM_CORNER_ORDER_BY_CORNER_COUNT[k]
+        u, v = np.moveaxis(invert_bilinear_mappings(corners[:, rim], points) + 0.5, 2, 0)
+        return np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=2)
     edges = corners[:, 1 : d + 1] - corners[:, :1]
     coordinates = _compute_coordinates_in_edge_basis(edges, points - corners[:, :1])
-    if k == d + 1:
-        vertex_function = 1 - coordinates.sum(axis=2, keepdims=True)
-        return np.concatenate([vertex_function, coordinates], axis=2)
-    difference = corners[:, 3] - corners[:, 2] - corners[:, 1] + corners[:, 0]
-    twist = _compute_coordinates_in_edge_basis(edges, difference[:, None])
-    u, v = coordinates[..., 0].copy(), coordinates[..., 1].copy()
-    for _ in range(
-        _MAX_INVERSE_MAPPING_NEWTON_STEPS
-    ):  # coordinates: u + twist_0 u v, v + twist_1 u v
-        residual = [
-            value + twist[..., i] * u * v - coordinates[..., i] for i, value in enumerate((u, v))
-        ]
-        a, b = 1 + twist[..., 0] * v, twist[..., 0] * u
-        c, e = twist[..., 1] * v, 1 + twist[..., 1] * u
-        determinant = a * e - b * c
-        step = (
-            (e * residual[0] - b * residual[1]) / determinant,
-            (a * residual[1] - c * residual[0]) / determinant,
-        )
-        u, v = u - step[0], v - step[1]
-        if np.abs(step).max(initial=0.0) < _REFERENCE_COORDINATE_TOLERANCE:
-            break
-    return np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=2)
+    vertex_function = 1 - coordinates.sum(axis=2, keepdims=True)
+    return np.concatenate([vertex_function, coordinates], axis=2)
+
+
+def invert_bilinear_mappings(corners: Array, points: Array) -> Array:
+    """Return the coordinates u (t, g, 2) of points in quadrilaterals in the plane.
+
+    The coordinates are between -1/2 and 1/2. With the mean c of the corners x_k, the means a_1 and
+    a_2 of opposite edges, and the twist t = x_0 - x_1 + x_2 - x_3, they have the points
+
+        x = c + u_1 a_1 + u_2 a_2 + u_1 u_2 t.
+
+    With the coordinates s of x - c and q of t in the basis of a_1 and a_2, the inverse is
+
+        u_1 = 2 s_1 / (1 + e + J),   u_2 = 2 s_2 / (1 - e + J),   e = q_1 s_2 - q_2 s_1,
+        J^2 = 1 + 2 (q_1 s_2 + q_2 s_1) + e^2,
+
+    where J is the ratio of the areas of the mapping at this point and at u = 0. Only convex
+    quadrilaterals have an inverse at all points.
+
+    Args:
+        corners: (t, 4, 2), corners of the quadrilaterals in the order along the rim.
+        points: (t, g, 2), points of the plane.
+    """
+    inverse, q = compute_inverse_frames_and_twists(corners)
+    s = (points - corners.mean(axis=1, keepdims=True)) @ inverse
+    e = q[..., 0] * s[..., 1] - q[..., 1] * s[..., 0]
+    square = 1 + 2 * (q[..., 0] * s[..., 1] + q[..., 1] * s[..., 0]) + e**2
+    J = np.sqrt(np.maximum(square, 0.0))
+    return np.stack([2 * s[..., 0] / (1 + e + J), 2 * s[..., 1] / (1 - e + J)], axis=2)
+
+
+def compute_inverse_frames_and_twists(corners: Array) -> tuple[Array, Array]:
+    """Return what turns vectors into coordinates s, and the twists q, of quadrilaterals.
+
+    The symbols are those of `invert_bilinear_mappings`.
+
+    Args:
+        corners: (t, 4, 2), corners of the quadrilaterals in the order along the rim.
+
+    Returns:
+        Matrices (t, 2, 2) by which rows are multiplied from the right, and twists (t, 1, 2).
+    """
+    along_axes = [
+        (corners[:, ahead].sum(axis=1) - corners[:, behind].sum(axis=1)) / 2
+        for ahead, behind in (([1, 2], [0, 3]), ([2, 3], [0, 1]))
+    ]
+    inverse = np.linalg.inv(np.stack(along_axes, axis=1))
+    twist = corners[:, [0, 2]].sum(axis=1) - corners[:, [1, 3]].sum(axis=1)
+    return inverse, twist[:, None] @ inverse
 
 
 def _compute_coordinates_in_edge_basis(edges: Array, vectors: Array) -> Array:
@@ -279,9 +305,9 @@ def _intersect_polygons_into_triangles(slave: Array, master: Array) -> tuple[Ind
         The pair (q,) to which each triangle belongs, and the corners (q, 3, 2) of the triangles.
     """
     n, k = master.shape[:2]
-    rim = slave[:, _RIM_CORNER_ORDER_BY_CORNER_COUNT[k]]
+    rim = slave[:, RIM_CORNER_ORDER_BY_CORNER_COUNT[k]]
     polygon: Array = np.zeros((n, 2 * k + 1, 2))
-    polygon[:, :k] = master[:, _RIM_CORNER_ORDER_BY_CORNER_COUNT[k]]
+    polygon[:, :k] = master[:, RIM_CORNER_ORDER_BY_CORNER_COUNT[k]]
     count: Indices = np.full(n, k)
     for side in range(k):
         start, end = rim[:, side], rim[:, (side + 1) % k]

@@ -155,9 +155,10 @@ class SpaceSlidingMortar(SlidingMortar):
         facing = (polygons.count > 0) & (covered > MIN_FACING_FRACTION_OF_SLAVE_FACET)
         slave, master, nodes = slave[facing], master[facing], nodes[facing]
         projected, polygons = projected.select(facing), polygons.select(facing)
+        has_only_triangles = k == projected.master.shape[1] == 3
         integrals = (
             integrate_over_triangle_overlaps(projected.master, polygons)
-            if nodes.shape[1] == 6
+            if has_only_triangles
             else integrate_over_quadrilateral_overlaps(projected, polygons)
         )
         variable_rates, jacobian, jacobian_rates = differentiate_projection(x[nodes], k)
@@ -197,14 +198,14 @@ class SpaceSlidingMortar(SlidingMortar):
         )
 
     def _find_near_facing_facet_pairs(self, x: Array) -> tuple[Indices, Indices]:
-        """Return the pairs of a triangle of the slave and one of the master that may face.
+        """Return the pairs of a sub-facet of the slave and one of the master that may face.
 
-        A triangle of the master is near if its midpoint is at most h farther from the midpoint of
-        the slave's triangle than the nearest midpoint of the master is. Here h is the radius of the
-        slave's triangle around its midpoint plus the largest radius of the master's triangles.
+        A sub-facet of the master is near if its midpoint is at most h farther from the midpoint of
+        the slave's than the nearest midpoint of the master is. Here h is the radius of the slave's
+        sub-facet around its midpoint plus the largest radius of the master's sub-facets.
 
         Returns:
-            Slave facets (q,) and master facets (q,) of the pairs.
+            Sub-facets (q,) of the slave and of the master in each pair.
         """
         (middle, radius, normal), (master_middle, master_radius, master_normal) = (
             _measure_sub_facets(x[facets]) for facets in (self._slave_facets, self._master_facets)

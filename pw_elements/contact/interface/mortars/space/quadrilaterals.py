@@ -1,20 +1,9 @@
 """Integrals over overlaps of sub-facets of which one at least is a quadrilateral, with derivatives.
 
 An overlap is divided into triangles from its first corner, on which a quadrature rule is applied.
-On a quadrilateral, functions are polynomials of coordinates u between -1/2 and 1/2. Its corners
-are at x_k, and a point x in its plane is at
-
-    x = c + u_1 a_1 + u_2 a_2 + u_1 u_2 t,
-
-where c is the mean of the corners, a_1 and a_2 are the means of opposite edges, and
-t = x_0 - x_1 + x_2 - x_3. With the coordinates s of x - c and q of t in the basis of a_1 and a_2,
-the inverse is
-
-    u_1 = 2 s_1 / (1 + e + J),   u_2 = 2 s_2 / (1 - e + J),   e = q_1 s_2 - q_2 s_1,
-    J^2 = 1 + 2 (q_1 s_2 + q_2 s_1) + e^2,
-
-where J is the ratio of the areas of the mapping at this point and at u = 0. For parallelograms, q
-is zero, all integrands are polynomials, and the rule is exact. The derivatives are those of the
+On a quadrilateral, functions are polynomials of coordinates u between -1/2 and 1/2, which follow
+from the position in closed form (`invert_bilinear_mappings`). For parallelograms, whose twist q is
+zero, all integrands are polynomials, and the rule is exact. The derivatives are those of the
 quadrature, by points, weights and functions.
 """
 
@@ -22,6 +11,10 @@ import basix
 import numpy as np
 
 from pw_elements.arrays import Array, Indices
+from pw_elements.contact.interface.mortars.overlap import (
+    compute_inverse_frames_and_twists,
+    invert_bilinear_mappings,
+)
 from pw_elements.contact.interface.mortars.sliding import number_unique_products
 from pw_elements.contact.interface.mortars.space.integrals import OverlapIntegrals
 from pw_elements.contact.interface.mortars.space.projection import (
@@ -52,9 +45,8 @@ def integrate_over_quadrilateral_overlaps(
     """
     q, k = projected.slave.shape[:2]
     n_master, n_variables = projected.master.shape[1], projected.n_variables
-    n_slave_functions, n_functions = (
-        sum(_count_functions(count) for count in counts) for counts in ((k,), (k, n_master))
-    )
+    n_slave_functions = _count_functions(k)
+    n_functions = n_slave_functions + _count_functions(n_master)
     products = np.zeros((q, k, n_functions))
     rates = np.zeros((q, k, n_functions, n_variables))
     rule_of_pair = _select_rules(projected)
@@ -94,7 +86,7 @@ def _select_rules(projected: ProjectedFacets) -> Indices:
     twist = np.zeros(len(projected.master))
     for corners in (projected.slave, projected.master):
         if corners.shape[1] == 4:
-            _, q = _compute_frames_and_twists(corners)
+            _, q = compute_inverse_frames_and_twists(corners)
             twist = np.maximum(twist, np.abs(q).max(axis=(1, 2)))
     limits = [limit for limit, _ in _QUADRATURE_DEGREES_BY_LARGEST_TWIST]
     return np.searchsorted(limits, twist)
@@ -233,29 +225,7 @@ def _invert_mappings(corners: Array, points: Array) -> Array:
     if corners.shape[1] == 3:
         basis = corners[:, 1:] - corners[:, :1]
         return np.asarray((points - corners[:, :1]) @ np.linalg.inv(basis))
-    inverse, q = _compute_frames_and_twists(corners)
-    s = (points - corners.mean(axis=1, keepdims=True)) @ inverse
-    e = q[..., 0] * s[..., 1] - q[..., 1] * s[..., 0]
-    J = np.sqrt(1 + 2 * (q[..., 0] * s[..., 1] + q[..., 1] * s[..., 0]) + e**2)
-    return np.stack([2 * s[..., 0] / (1 + e + J), 2 * s[..., 1] / (1 - e + J)], axis=2)
-
-
-def _compute_frames_and_twists(corners: Array) -> tuple[Array, Array]:
-    """Return what turns vectors into coordinates s, and the twists q, of quadrilaterals.
-
-    Args:
-        corners: (t, 4, 2), corners of the quadrilaterals.
-
-    Returns:
-        Matrices (t, 2, 2) with which rows are multiplied, and twists (t, 1, 2).
-    """
-    along_axes = [
-        (corners[:, ahead].sum(axis=1) - corners[:, behind].sum(axis=1)) / 2
-        for ahead, behind in (([1, 2], [0, 3]), ([2, 3], [0, 1]))
-    ]
-    inverse = np.linalg.inv(np.stack(along_axes, axis=1))
-    twist = corners[:, [0, 2]].sum(axis=1) - corners[:, [1, 3]].sum(axis=1)
-    return inverse, twist[:, None] @ inverse
+    return invert_bilinear_mappings(corners, points)
 
 
 def _evaluate_triangle_weights(u: Array) -> tuple[Array, Array]:

@@ -29,10 +29,10 @@ import scipy.sparse as sp
 
 from pw_elements.arrays import Array, Indices
 from pw_elements.contact.interface.mortars.boundary_facets import BoundaryFacets
+from pw_elements.contact.interface.mortars.overlap import RIM_CORNER_ORDER_BY_CORNER_COUNT
 from pw_elements.contact.interface.mortars.sliding import sum_into_matrix
 
-# Order of the corners along the rim, by number of corners; seen from the other side, it is reversed
-_RIM_ORDER_BY_CORNER_COUNT = {3: [0, 1, 2], 4: [0, 1, 3, 2]}
+# Order of the corners along the rim as seen from the other side, by number of corners
 _REVERSED_RIM_ORDER_BY_CORNER_COUNT = {3: [0, 2, 1], 4: [0, 2, 3, 1]}
 # Corners at the ends of the edge that belongs to each bubble function of an edge
 BUBBLE_EDGE_ENDS_BY_CORNER_COUNT = {
@@ -80,7 +80,8 @@ def list_sub_facets(boundary_facets: BoundaryFacets) -> SubFacets:
     nodes, corners, outward = boundary_facets.sub_facet_nodes_corners_and_normals
     k, n_facets = nodes.shape[1], len(boundary_facets.facet_nodes)
     rim, reversed_rim = (
-        orders[k] for orders in (_RIM_ORDER_BY_CORNER_COUNT, _REVERSED_RIM_ORDER_BY_CORNER_COUNT)
+        orders[k]
+        for orders in (RIM_CORNER_ORDER_BY_CORNER_COUNT, _REVERSED_RIM_ORDER_BY_CORNER_COUNT)
     )
     normal = compute_area_vectors(corners[:, rim])
     is_outward = (np.sum(normal * outward, axis=1) > 0)[:, None]
