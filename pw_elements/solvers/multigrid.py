@@ -433,8 +433,13 @@ class Multigrid:
         self._discard_coarse_matrix(with_aggregates=True)
 
     def announce_changed_spring_pattern(self) -> None:
-        """Announce that the springs of the next active set may connect other nodes."""
+        """Announce that the springs of the next active set may connect other nodes.
+
+        The smoother's eigenvalues are estimated again: with other springs they may be larger than
+        the old bounds, and the smoother would then increase errors.
+        """
         self._linear.has_changed_spring_pattern = True
+        self._has_eigenvalues = False
 
     def re_estimate_smoother_eigenvalues(self) -> None:
         """Estimate the smoother's eigenvalues again, for the current constraints."""

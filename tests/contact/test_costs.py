@@ -19,6 +19,7 @@ from pw_elements.contact import ContactPair, Motion, Parabola, Plane, Sphere, so
 from pw_elements.contact.nodes import SmallStrainKinematics
 from tests.contact.cases import BlockOnFloor, PunchedBlock, on_plane
 from tests.contact.iterative import SolidBlock, nearly_sliding_contact_arguments
+from tests.contact.sliding import make_die_on_block, slide_along_path
 from tests.contact.test_large import (
     RubberUnderCircle,
     solve_pressed_and_pushed_rubber,
@@ -168,6 +169,13 @@ def test_only_curved_distances_are_linearised_again_at_a_solution(surface, n_lin
     undeformed = end.position - end.translation
     displaced = np.sum(surface.normal(undeformed) * end.displacement, axis=1)
     assert end.gap == pytest.approx(surface.gap(undeformed) + displaced, abs=1e-14)
+
+
+def test_krylov_iterations_do_not_grow_while_bodies_slide():
+    """With the smoother's eigenvalues of the first springs, they grow to 25 per solution."""
+    bodies = make_die_on_block(divisions=((60, 12), (40, 12)), half_width=2.0, solver=Iterative())
+    states = slide_along_path(bodies, [(0.0, -0.12), (0.15, -0.12), (0.3, -0.12)])
+    assert all(state.report.krylov_iterations < 18 * state.iterations for state in states)
 
 
 if __name__ == "__main__" and MPI.COMM_WORLD.rank == 0:
