@@ -99,7 +99,7 @@ KINDS: tuple[ScalarKind, ...] = (
     ),
     ScalarKind(
         "errors",
-        r" error| .*_error(_[a-z]+)*$| pressure_l2| variation| master_force_"
+        r" error| .*_error(_[a-z]+)*$| \w*_uncertainty$| pressure_l2| variation| master_force_"
         r"|^P/\S+ (exact|reduced)_",
         "one",
         1e-8,

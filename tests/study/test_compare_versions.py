@@ -92,6 +92,7 @@ def test_scalars_and_cases_in_one_folder_only_are_reported(store_scalars):
         ("7.2/pw-T6 force_normal", "forces"),
         ("V12/frequency-square-hrz-fine acceleration_min", "forces"),
         ("Q/seconds-pw-T6-16 variation", "errors"),
+        ("W/reference-conductance-T6 answer_uncertainty", "errors"),
         ("V14/punch-galerkin-T6-64 newton_rate", "rates of Newton's method"),
         ("V8/rod-pw-T6 omega2_1_order", "orders"),
         ("V8/rod-pw-T6 omega2_1", "all others"),

@@ -172,6 +172,21 @@ def test_stick_width_under_constant_friction_agrees_with_cattaneo_and_mindlin(el
     assert slip_result.stick == pytest.approx(np.sqrt(1 - slip_result.force), abs=0.02)
 
 
+def test_stick_radius_is_continuous_where_nodes_lie_at_the_limit_of_the_fit():
+    """Nodes at exactly 0.6 of the outermost sticking radius: 3, 4 and 5 edges on a square mesh."""
+    edges = np.array([(3.0, 0), (0, 3), (4, 0), (5, 0), (3, 4), (4, 3), (6, 0)])
+    radius = np.linalg.norm(edges, axis=1)
+    sticks = radius < 5.5
+    unused_friction = np.sqrt(np.maximum(0, 33 - radius**2) + 0.1 * (radius < 3.5))
+    inwards, outwards = (
+        sliding._extrapolate_stick_radius(
+            edges * (1 + shift * (radius < 3.5))[:, None], unused_friction, sticks
+        )
+        for shift in (-1e-15, 1e-15)
+    )
+    assert inwards == pytest.approx(outwards, rel=1e-12)
+
+
 @pytest.mark.parametrize("element", ELEMENTS[:2])
 def test_shear_is_at_the_limit_of_friction_in_slip_and_below_it_in_stick(element):
     slip_result = solve_partial_slip(element, sliding.HALVING_PRESSURE)

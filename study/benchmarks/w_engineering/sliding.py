@@ -341,8 +341,12 @@ SHIFT = {1: 0.3, 2: 0.1}
 
 The axis is 1 in two dimensions and 2 in three.
 """
-OUTER_STICKING = 0.6
-"""Radius over that of the outermost sticking node, beyond which nodes are extrapolated."""
+OUTER_STICKING = 0.6 * (1 - 1e-9)
+"""Radius over that of the outermost sticking node, beyond which nodes are extrapolated.
+
+Meshes of the half space have nodes at exactly 0.6 of this radius; the margin includes them all,
+whatever the round-off.
+"""
 FRICTION_TOLERANCE, MAX_REPETITIONS = 1e-6, 30
 """Tolerance and maximum number of fixed-point iterations for the coefficients of friction."""
 
