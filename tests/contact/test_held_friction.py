@@ -19,6 +19,7 @@ from pw_elements.contact import (
     Plane,
     SolutionNotFound,
 )
+from pw_elements.contact.nodes import make_frames
 from pw_elements.meshes import quadrilaterals
 from tests.contact.cases import ElasticBody, on_plane
 from tests.contact.iterative import SolidBlock
@@ -350,6 +351,18 @@ def solve_and_collect_forces_and_statuses(comm):
 
 def test_any_number_of_processes_gives_the_same_fields():
     assert_same_on_processes(solve_and_collect_forces_and_statuses, process_counts=(2,), rel=1e-9)
+
+
+@pytest.mark.parametrize("held_axis", range(3))
+def test_tangents_have_exactly_no_component_along_a_support(held_axis):
+    """Round-off there would count as friction along the support when a state is verified."""
+    law_applies = np.tile(np.arange(3) != held_axis, (500, 1))
+    normal = np.random.default_rng(5).normal(size=(500, 3)) * law_applies
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    frame = make_frames(normal, law_applies)
+    assert not frame[:, :, held_axis].any()
+    expected = np.eye(3) * law_applies[:, None]
+    assert np.abs(np.swapaxes(frame, 1, 2) @ frame - expected).max() < 1e-15
 
 
 def test_sensitivities_are_refused_where_friction_acts_on_supports():

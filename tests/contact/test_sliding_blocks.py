@@ -2,32 +2,47 @@
 
 import itertools
 from dataclasses import replace
+from functools import partial
+
+from mpi4py import MPI
 
 import numpy as np
 import pytest
 from dolfinx import fem
-from dolfinx.mesh import CellType
+from dolfinx.mesh import CellType, create_box
 from scipy.spatial.transform import Rotation
 
-from pw_elements import prescribe
+from pw_elements import Spaces, prescribe
 from pw_elements.contact import (
     OPEN,
     SLIP,
     STICK,
     ContactFields,
+    ContactPair,
+    ContactProblem,
+    DeformableSurface,
     Motion,
     SurfacePassed,
     write,
 )
 from pw_elements.contact.interface import SpaceSlidingMortar
 from pw_elements.contact.interface.mortars import facing_in_space
-from tests.contact.blocks_in_space import BLOCK_PATH, INITIAL_GAP, BlocksInSpace
-from tests.contact.cases import list_states_and_substates, on_plane
+from pw_elements.meshes import curved_mesh
+from tests.contact.blocks_in_space import BLOCK_PATH, INITIAL_GAP, BlocksInSpace, add_mirror_image
+from tests.contact.cases import (
+    list_states_and_substates,
+    make_finite_strain_unknown_and_residual,
+    on_plane,
+)
 from tests.contact.sides_in_space import compare_mortar_with_verification
+from tests.contact.two_bodies import join_meshes
 from tests.library import vtx
 
 FRICTION = 0.3
 MATCHING_BOXES = ((-0.8, -0.6, -0.5), (0.8, 0.6, 0.0)), ((-0.4, -0.4, 0.0), (0.4, 0.4, 0.5))
+SHAFT_RADIUS = 0.998
+SHAFT_MOTIONS = [(0.0, 0.0), (0.02, 0.0), (0.02, 0.03), (0.02, 0.06)]
+"""Radial displacements of the shaft's inner side, and its displacements along the axis."""
 BLOCK_OPTIONS_BY_NAME = {
     "crowned": {},
     "flat": {"crown": 0.0},
@@ -130,13 +145,17 @@ def slide_part_and_whole_model(axes, path):
     results = []
     for name in ("symmetry_axes", "mirror_axes"):
         blocks = BlocksInSpace(((2, 2, 1), (2, 2, 1)), boxes, **{name: axes})
-        state = blocks.slide(path)[-1]
-        mortar = blocks.problem._large_strain_stepping.interface.mortars[0]
-        displacement = state.displacement.array_r.reshape(-1, 3)[mortar.nodes]
-        areas = mortar.linearise(mortar.x + displacement).areas
-        number = np.searchsorted(mortar.nodes[: mortar.n_slave_nodes], state.pairs[0].node)
-        results.append((state.pairs[0], areas[number]))
+        results.append(get_pair_and_facing_areas(blocks.problem, blocks.slide(path)[-1]))
     return results
+
+
+def get_pair_and_facing_areas(problem, state):
+    """Return the pair of a state, and the areas (m,) of its nodes that face the master."""
+    (pair,) = state.pairs
+    mortar = problem._large_strain_stepping.interface.mortars[0]
+    displacement = state.displacement.array_r.reshape(-1, 3)[mortar.nodes]
+    areas = mortar.linearise(mortar.x + displacement).areas
+    return pair, areas[np.searchsorted(mortar.nodes[: mortar.n_slave_nodes], pair.node)]
 
 
 def compare_part_and_whole_model(axes, results):
@@ -223,6 +242,65 @@ def test_a_part_model_has_the_forces_of_the_whole_model(axes, path):
     assert max(differences[f"sum of {side}"] for side in ("force_vector", "opposite_force")) < 1e-7
     # other nodes lose nothing; their areas change with the positions
     assert np.abs(lost[~on_planes]).max() < 1e-2 * lost.max()
+
+
+def push_shaft_through_bore(is_whole):
+    """Widen a shaft in a bore and push it through, and return its contact and facing areas.
+
+    Both are sectors of 90 or, if `is_whole`, 180 degrees about the z axis. The plane of symmetry,
+    on which supports hold the sector of 90 degrees, is y = 0.
+    """
+
+    def make_sector(inner, outer, divisions):
+        corners = (inner[0], 0.0, inner[1]), (outer[0], np.pi / 2, outer[1])
+        mesh = create_box(MPI.COMM_SELF, corners, divisions, CellType.tetrahedron)
+        if is_whole:
+            mesh = add_mirror_image(mesh, axis=1)
+        return curved_mesh(
+            mesh,
+            lambda x: np.column_stack(
+                [x[:, 0] * np.cos(x[:, 1]), x[:, 0] * np.sin(x[:, 1]), x[:, 2]]
+            ),
+        )
+
+    shaft = make_sector((0.5, -0.1), (SHAFT_RADIUS, 0.7), (1, 2, 1))
+    mesh = join_meshes(shaft, make_sector((1.0, 0.0), (1.6, 0.8), (1, 3, 2)))
+    spaces = Spaces.petrov_galerkin(mesh)
+    u, residual = make_finite_strain_unknown_and_residual(spaces, quadrature_degree=4)
+    x = spaces.trial.tabulate_dof_coordinates()
+    radius = np.hypot(x[:, 0], x[:, 1])
+    inside, outside = (np.flatnonzero(np.isclose(radius, r)).astype(np.int32) for r in (0.5, 1.6))
+    displacement = fem.Function(spaces.trial)
+    supports = [fem.dirichletbc(displacement, nodes) for nodes in (inside, outside)]
+    if not is_whole:
+        supports.insert(0, prescribe(spaces.trial, 1, on_plane(1, 0.0)))
+    bore, shaft_side = (
+        partial(lambda x, r: np.isclose(np.hypot(x[0], x[1]), r), r=r) for r in (1.0, SHAFT_RADIUS)
+    )
+    pair = ContactPair(bore, DeformableSurface(shaft_side), friction=0.2)
+    problem = ContactProblem.of_residual(residual, u, supports, pair)
+    state = problem.undeformed
+    for start, end in itertools.pairwise(SHAFT_MOTIONS):
+
+        def move_shaft(load_factor, start=start, end=end):
+            widening, push = (1 - load_factor) * np.array(start) + load_factor * np.array(end)
+            moved = displacement.x.array.reshape(-1, 3)[inside]
+            moved[:, :2], moved[:, 2] = widening * x[inside, :2] / 0.5, push
+            displacement.x.array.reshape(-1, 3)[inside] = moved
+
+        state = problem.step(state, move_shaft)
+        assert not state.substates
+    return get_pair_and_facing_areas(problem, state)
+
+
+def test_half_of_a_fit_that_slides_along_a_plane_of_symmetry_is_the_whole_fit():
+    """The sides are curved across the plane of symmetry, so that slips point slightly out of it."""
+    results = [push_shaft_through_bore(is_whole) for is_whole in (False, True)]
+    differences, lost, _ = compare_part_and_whole_model((1,), results)
+    assert all((pair.status == SLIP).all() for pair, _ in results)
+    assert lost.max() < 1e-7
+    assert max(differences[name] for name in ("force_vector", "gap")) < lost.max()
+    assert differences["slip"] < 1e-6
 
 
 def slide_block_in_from_beside(rotation_vector):

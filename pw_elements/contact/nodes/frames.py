@@ -12,7 +12,8 @@ _MIN_SUPPORT_PROJECTION_OF_HELD_TANGENT = 0.5
 def make_frames(normal: Array, law_applies: Mask) -> Array:
     """Return frames (m, dim, dim) whose rows are a unit normal and unit tangents.
 
-    Tangents lie in the directions in which the contact law applies. Rows for which there is no such
+    Tangents lie in the directions in which the contact law applies. Their other components are
+    exactly zero, so that no round-off of a force acts along them. Rows for which there is no such
     tangent are zero.
 
     Args:
@@ -23,7 +24,7 @@ def make_frames(normal: Array, law_applies: Mask) -> Array:
     free = np.eye(normal.shape[1]) * law_applies[:, None, :]
     projector = free - normal[:, :, None] * normal[:, None, :]
     values, vectors = np.linalg.eigh(projector)  # eigenvalues 0 and 1, ascending
-    tangents = np.swapaxes(vectors * (values > 0.5)[:, None, :], 1, 2)
+    tangents = np.swapaxes(vectors * (values > 0.5)[:, None, :], 1, 2) * law_applies[:, None, :]
     return np.concatenate([normal[:, None, :], tangents[:, 1:]], axis=1)
 
 
