@@ -1,6 +1,5 @@
 """Nodes that belong to several contact pairs: corners, grooves, slots and corners of two bodies."""
 
-from dataclasses import replace
 from itertools import chain, combinations
 
 from mpi4py import MPI
@@ -28,7 +27,6 @@ from pw_elements.contact import (
     solve_impact,
     write,
 )
-from pw_elements.contact.model import ElasticInterface
 from pw_elements.meshes import curved_mesh, move_nodes, quadrilaterals
 from pw_elements.solvers import automatic
 from tests.contact.cases import (
@@ -804,11 +802,3 @@ def test_what_does_not_support_shared_nodes_is_refused():
         problem.sensitivity(
             [problem.undeformed, state], [("force", 0, 0)], [("motion", 0, np.ones((2, 2)))]
         )
-
-
-def test_a_common_node_of_a_pair_with_an_interface_law_is_refused():
-    block = CornerBlock(2)
-    floor, wall = block.corner_pairs()
-    elastic = replace(floor, interface_law=ElasticInterface(1.0, 1.0))
-    with pytest.raises(ValueError, match=r"nodes at \(0, 0\).* one of these has an interface law"):
-        block.contact_problem([elastic, wall], block.make_supports())

@@ -155,7 +155,7 @@ def build_interface(
     _raise_error_for_interior_or_tied_nodes(body, np.concatenate([*nodes, *opposite_nodes]))
     _raise_error_for_shared_opposite_nodes(body, nodes, opposite_nodes)
     interface.check_laws_supports_and_initial_gaps(body.diagonal)
-    _check_shared_nodes(interface, body.diagonal, is_sibling=inverse is not None)
+    _check_shared_nodes(interface, pairs, body.diagonal, is_sibling=inverse is not None)
     check_pairs_are_equal_on_all_processes(interface, pairs, shapes)
     _warn_of_large_finite_difference_steps(interface)
     return interface
@@ -273,12 +273,19 @@ def _raise_error_for_shared_opposite_nodes(
 
 
 def _check_shared_nodes(
-    interface: ContactInterface, body_diagonal: float, *, is_sibling: bool
+    interface: ContactInterface,
+    pairs: Sequence[ContactPair],
+    body_diagonal: float,
+    *,
+    is_sibling: bool,
 ) -> None:
     """Check pairs with common nodes; collective.
 
+    Pairs with an interface law may have equal surfaces, like springs in parallel.
+
     Args:
         interface: contact points of all pairs.
+        pairs: contact pairs, as given by the user.
         body_diagonal: diagonal of the body's bounding box, to which gaps are compared.
         is_sibling: whether the unknowns are coefficients of the symmetric sibling element.
 
@@ -293,8 +300,11 @@ def _check_shared_nodes(
         "belong to two contact pairs, which the symmetric sibling element does not support: leave "
         "a facet between them",
     )
+    gap, normal = interface.evaluate_undeformed_gaps_and_normals(None)
+    has_law = np.array([pair.interface_law is not None for pair in pairs])[interface.pair]
     same = shared.find_points_on_equal_surfaces(
-        *interface.evaluate_undeformed_gaps_and_normals(None),
+        np.where(has_law, np.inf, gap),
+        normal,
         _MAX_GAP_DIFFERENCE_PER_BODY_DIAGONAL * body_diagonal,
     )
     interface.raise_error_for_invalid_points(

@@ -435,18 +435,12 @@ def make_interface_laws(
         is_axisymmetric: whether areas are those of the whole circumference.
 
     Raises:
-        ValueError: if a law fails, if differences contradict its derivatives, if a node of a pair
-            with a law belongs to another pair as well, or if a field belongs to another mesh.
+        ValueError: if a law fails, if differences contradict its derivatives, or if a field belongs
+            to another mesh.
     """
     laws = [pair.interface_law for pair in pairs]
     if all(law is None for law in laws):
         return None
-    has_law = np.array([law is not None for law in laws])[interface.pair]
-    interface.raise_error_for_invalid_points(
-        interface.shared_nodes.is_shared & has_law,
-        "belong to several contact pairs, and one of these has an interface law: leave a facet "
-        "between the pairs",
-    )
     space, weight = interface.field.space, np.zeros(len(interface.pair))
     for k, law in enumerate(laws):
         if law is not None:

@@ -56,6 +56,15 @@ class SharedNodes:
         _, starts = np.unique(self.first_point[points], return_index=True)
         return np.split(points, starts[1:]) if len(points) else []
 
+    def find_points_of_nodes_with_several(self, selected: Mask) -> Mask:
+        """Return a mask (m,) of all points whose node has at least two of the selected points.
+
+        Args:
+            selected: (m,), mask of the selected points.
+        """
+        count = np.bincount(self.first_point[selected], minlength=len(self.first_point))
+        return np.asarray(count[self.first_point] > 1)
+
     def subtract_additional_forces(self, node_force: Array, point_force: Array) -> Array:
         """Return the force (m, dim) of each point, given the total force of its node.
 

@@ -375,7 +375,9 @@ class IncrementEquations:
         if self._shared_friction is not None:
             self._shared_friction.update(nodes)
         if interface.laws is not None:
-            nodes = InterfaceLawNodes.from_nodes(nodes, interface.laws, self.start.history)
+            nodes = InterfaceLawNodes.from_nodes(
+                nodes, interface.laws, self.start.history, interface.shared_nodes.is_shared
+            )
         max_force, displacement_round_off, coordinate_round_off = (
             self._max_contact_force_and_round_off_forces(
                 force, displacement_size, kinematics.torque_map

@@ -157,9 +157,11 @@ class ActiveSetUpdate:
         self._free_motions, self.accuracy = free_motions, accuracy
         self._visited: list[tuple[bytes, ActiveSet]] = []
         self._limited: Mask | None = None
-        shared = interface.shared_nodes
-        self._keeps_friction = shared.exist and self._comm.allreduce(
-            bool(np.any(shared.is_shared & interface.cone.has_friction)), MPI.LOR
+        shared, may_keep = interface.shared_nodes, interface.cone.has_friction
+        if interface.laws is not None:
+            may_keep = may_keep | interface.laws.has_law
+        self._keeps_forces = shared.exist and self._comm.allreduce(
+            bool(np.any(shared.is_shared & may_keep)), MPI.LOR
         )
 
     def restart_record_with_first_set(
@@ -267,8 +269,8 @@ class ActiveSetUpdate:
         proposed = self._propose_set_that_holds_body(active, state.nodes)
         if not state.is_exact and is_same_set(proposed, active, self._comm):
             return active, "tightened"  # corrected factors may leave small gaps
-        if self._keeps_friction and is_same_set(proposed, active, self._comm):
-            return active, self.accuracy  # the friction that is kept has changed
+        if self._keeps_forces and is_same_set(proposed, active, self._comm):
+            return proposed, self.accuracy  # the forces that are kept have changed
         if self.record_set_and_limit_cycling_nodes(proposed):
             proposed = self._propose_set_that_holds_body(active, state.nodes)
         return proposed, self.accuracy
@@ -490,6 +492,7 @@ def open_points_with_dependent_normals(
 
     At a node that belongs to several pairs, closed points with linearly dependent normals would
     share the force in an undetermined way. Of these points, those with the lowest priority open.
+    Points with an interface law do not count: their equations determine the force in any case.
 
     Args:
         interface: contact points of all pairs.
@@ -499,9 +502,10 @@ def open_points_with_dependent_normals(
     """
     if not interface.shared_nodes.exist:
         return active
-    dependent = interface.shared_nodes.find_dependent_points(
-        active.status != OPEN, normal, priority
-    )
+    closed = active.status != OPEN
+    if interface.laws is not None:
+        closed &= ~interface.laws.has_law
+    dependent = interface.shared_nodes.find_dependent_points(closed, normal, priority)
     if not dependent.any():
         return active
     all_open = make_sticking_active_set(
@@ -523,7 +527,7 @@ def raise_if_force_shares_are_not_unique(
     """
     if not interface.shared_nodes.exist:
         return
-    touches = nodes.trial_pressure >= -force_tolerance
+    touches = nodes.find_touching_points(force_tolerance)
     is_pressed = nodes.force[:, 0] > force_tolerance
     for points in interface.shared_nodes.points_of_each_node:
         touches[points] &= is_pressed[points].any()

@@ -264,6 +264,8 @@ class ContactState:
         with friction that does not slip may then have many values. The state has one of them, which
         docs/theory.md ("Nodes in several pairs") defines. Displacements, the sum of the forces at
         each node, gaps and slips do not depend on the choice; the forces of single pairs do.
+        Interface laws do not count: where several ties or other laws without a finite stiffness
+        hold a node, the section says how they share the sum.
         """
         pressed = [pair.force_normal > 0 for pair in self.pairs]
         nodes = np.concatenate([pair.node[p] for pair, p in zip(self.pairs, pressed, strict=True)])

@@ -15,12 +15,16 @@ from pw_elements.arrays import Array, Mask
 from pw_elements.contact.interface import ContactInterface
 from pw_elements.contact.model import InterfaceLawEvaluation, InterfaceResponse, SolutionNotFound
 from pw_elements.contact.nodes.nodes import (
+    MIN_KEPT_FRICTION_WEIGHT,
     OPEN,
     STICK,
     ActiveSet,
     ContactNodes,
     LinearisedInterfaceLaw,
 )
+
+# Largest entry of a row of 1 - dR/dr at which the law imposes a gap and leaves the force open
+_MAX_FORCE_COEFFICIENT_OF_IMPOSED_GAP = 1e-8
 
 
 @dataclass(frozen=True)
@@ -30,14 +34,20 @@ class InterfaceLawNodes(ContactNodes):
     Args:
         at_law: (m,), mask of the nodes at which a law has been evaluated.
         response: responses of the laws at the m nodes, with the new history (m, n_history).
+        is_shared: (m,), mask of the points whose node belongs to several pairs.
     """
 
     at_law: Mask
     response: InterfaceResponse
+    is_shared: Mask
 
     @classmethod
     def from_nodes(
-        cls, nodes: ContactNodes, laws: InterfaceLawEvaluation, start_history: Array
+        cls,
+        nodes: ContactNodes,
+        laws: InterfaceLawEvaluation,
+        start_history: Array,
+        is_shared: Mask,
     ) -> "InterfaceLawNodes":
         """Return nodes at which the interface laws have been evaluated.
 
@@ -45,12 +55,13 @@ class InterfaceLawNodes(ContactNodes):
             nodes: gaps, slips and forces of the nodes.
             laws: interface laws.
             start_history: (m, n_history), history at the start of the increment.
+            is_shared: (m,), mask of the points whose node belongs to several pairs.
         """
         at_law, response = laws.evaluate(
             nodes.frame, nodes.gap, nodes.slip, nodes.force, start_history, nodes.scale
         )
         values = {field.name: getattr(nodes, field.name) for field in fields(ContactNodes)}
-        return cls(**values, at_law=at_law, response=response)
+        return cls(**values, at_law=at_law, response=response, is_shared=is_shared)
 
     @cached_property
     def trial_pressure(self) -> Array:
@@ -70,22 +81,33 @@ class InterfaceLawNodes(ContactNodes):
         }
         motion = np.concatenate([self.gap[:, None], self.slip], axis=1)
         motion = np.where(at_law[:, None], motion, 0.0)
+        # at nodes in several pairs, the force in the law is (1 - w) r + w R_0: see theory.md
+        weight = np.where(self.is_shared, MIN_KEPT_FRICTION_WEIGHT, 0.0)[:, None]
         intercept = (
             response.force
             - np.einsum("nab,nb->na", response.by_motion, motion)
-            - np.einsum("nab,nb->na", response.by_force, self.force)
+            - np.einsum("nab,nb->na", response.by_force, self.force - weight * response.force)
         )
         law = LinearisedInterfaceLaw(
             at_law,
             np.where(at_law[:, None], intercept, 0.0),
             response.by_motion,
-            response.by_force,
+            (1 - weight[:, :, None]) * response.by_force,
         )
         return replace(active, status=status.astype(np.int8), interface_law=law, **numbers)
 
     def updated_law_history(self, start_history: Array) -> Array:  # noqa: ARG002
         """Return the history (m, n_history) of interface laws at the end of the increment."""
         return self.response.history
+
+    def find_touching_points(self, force_tolerance: float) -> Mask:
+        """Return a mask (m,) of the points at which a surface touches, or a law imposes the gap.
+
+        The argument is that of `ContactNodes.find_touching_points`.
+        """
+        coefficients = np.eye(self.frame.shape[1])[0] - self.response.by_force[:, 0]
+        imposes_gap = np.abs(coefficients).max(axis=1) <= _MAX_FORCE_COEFFICIENT_OF_IMPOSED_GAP
+        return np.where(self.at_law, imposes_gap, super().find_touching_points(force_tolerance))
 
     def law_violation(self) -> Array:
         """Return the violation (m, dim) of the contact and interface laws as forces."""
@@ -153,7 +175,9 @@ def evaluate_laws_that_hold_free_surfaces(
     max_step = interface.max_extent_of_points + interface.comm.allreduce(largest_gap, MPI.MAX)
     step = first_step
     while True:
-        nodes = InterfaceLawNodes.from_nodes(evaluate_contact_nodes(q), laws, start_history)
+        nodes = InterfaceLawNodes.from_nodes(
+            evaluate_contact_nodes(q), laws, start_history, interface.shared_nodes.is_shared
+        )
         laws.raise_kept_error()
         resists = np.where(
             nodes.at_law, nodes.response.by_motion.any(axis=(1, 2)), active.status != OPEN

@@ -119,6 +119,17 @@ class ActiveSet:
     support_slip: Array
     interface_law: LinearisedInterfaceLaw | None = None
 
+    @property
+    def imposes_motion(self) -> Mask:
+        """Mask (m,) of points that prescribe a motion: closed ones, and those of implicit laws.
+
+        An explicit law gives the force as a function of gap and slip, and prescribes no motion.
+        """
+        law = self.interface_law
+        if law is None:
+            return self.status != OPEN
+        return np.where(law.at_law, law.by_force.any(axis=(1, 2)), self.status != OPEN)
+
 
 def linearise_friction_limits(
     trial_pressure: Array, limits_and_slopes: tuple[Array, Array], friction_direction: Array
@@ -340,6 +351,15 @@ class ContactNodes:
             support_friction=np.where(is_iterated, self.force[:, 1:], 0.0),
             support_slip=np.where(is_iterated, self.slip, 0.0),
         )
+
+    def find_touching_points(self, force_tolerance: float) -> Mask:
+        """Return a mask (m,) of the points that touch their surfaces.
+
+        Args:
+            force_tolerance: largest product of a gap and the stiffness of the law, and largest
+                force, that counts as zero.
+        """
+        return np.asarray(self.trial_pressure >= -force_tolerance)
 
     def updated_law_history(self, start_history: Array) -> Array:
         """Return the history (m, n_history) of interface laws at the end of the increment.

@@ -12,11 +12,10 @@ from mpi4py import MPI
 
 import numpy as np
 
-from pw_elements.arrays import Array, Mask
+from pw_elements.arrays import Array
 from pw_elements.contact.interface import ContactInterface
 from pw_elements.contact.nodes.nodes import (
     MIN_KEPT_FRICTION_WEIGHT,
-    OPEN,
     SLIP,
     STICK,
     ActiveSet,
@@ -53,7 +52,9 @@ class FrictionAtSharedNodes:
 
         The weight is zero except at nodes on which several surfaces act in the active set.
         """
-        is_kept = self._may_keep & self._is_held_by_several(active.status != OPEN)
+        is_kept = self._may_keep & self._shared.find_points_of_nodes_with_several(
+            active.imposes_motion
+        )
         return np.where(is_kept, self._weight, 0.0), self._friction
 
     def update(self, nodes: ContactNodes) -> None:
@@ -94,9 +95,9 @@ class FrictionAtSharedNodes:
             Active set in which all points with such friction stick; None if no friction changes.
         """
         active, normal = nodes.active_set, nodes.frame[:, 0]
-        closed = active.status != OPEN
+        closed = active.imposes_motion
         has_no_slip = nodes.scale * np.linalg.norm(nodes.slip, axis=1) <= force_tolerance
-        keeps = self._may_keep & self._is_held_by_several(closed)
+        keeps = self._may_keep & self._shared.find_points_of_nodes_with_several(closed)
         keeps &= (active.status == STICK) | ((active.status == SLIP) & has_no_slip)
         limit, _ = nodes.friction_limits_and_slopes
         friction = np.einsum("nta,nt->na", nodes.frame[:, 1:], nodes.force[:, 1:])
@@ -120,8 +121,3 @@ class FrictionAtSharedNodes:
         self._friction, self._weight = restored, np.full(len(limit), MIN_KEPT_FRICTION_WEIGHT)
         sticking = make_sticking_active_set(keeps, nodes.cone, nodes.slip.shape[1])
         return combine_active_sets(keeps, sticking, active)
-
-    def _is_held_by_several(self, closed: Mask) -> Mask:
-        """Return a mask (m,) of all points of nodes with several closed points."""
-        first = self._shared.first_point
-        return np.asarray(np.bincount(first[closed], minlength=len(first))[first] > 1)

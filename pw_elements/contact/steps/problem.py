@@ -95,8 +95,9 @@ class ContactProblem:
         K: stiffness (n, n) without supports. It may be unsymmetric.
         reduction: supports (or condensation). It must not eliminate contact nodes, but supports may
             prescribe their tangential displacements.
-        pairs: contact pairs. A node may belong to several pairs whose normals differ there. The
-            `motions` of pairs are ignored here; only `solve_contact` uses them.
+        pairs: contact pairs. A node may belong to several pairs whose normals differ there, or
+            that have an interface law. The `motions` of pairs are ignored here; only
+            `solve_contact` uses them.
         space: trial space of the displacements, or of the hybrid element.
         solver: solver of the linear systems, as in `solve`.
         max_iterations: largest number of linear systems solved in one attempt at an increment.

@@ -63,7 +63,8 @@ def solve_contact(
         loads: total load vector (n,) at the end of each increment. A single vector needs no list.
         reduction: supports (or condensation). It must not eliminate contact nodes, but supports may
             prescribe their tangential displacements.
-        pairs: contact pairs. A node may belong to several pairs whose normals differ there.
+        pairs: contact pairs. A node may belong to several pairs whose normals differ there, or
+            that have an interface law.
         space: trial space of the displacements, or of the hybrid element.
         max_iterations: largest number of linear systems solved in one attempt at an increment.
         solver: solver of the linear systems, as in `solve`.
