@@ -451,6 +451,7 @@ def make_interface_laws(
                 is_galerkin=is_galerkin,
                 is_axisymmetric=is_axisymmetric,
             )
+    weight *= interface.facing_fraction
     initial_gap = interface.evaluate_undeformed_gaps_and_normals(None)[0]
     fields = [_make_fields_of_pair(pair, interface) for pair in pairs]
     laws_of_pairs = InterfaceLawsOfPairs(

@@ -72,7 +72,6 @@ _MAX_DEVIATION_FROM_UNIT_LENGTH = 1e-6
 # pushes the body outwards
 MIN_COSINE_OF_OUTWARD_PUSHING_SURFACE_NORMAL = 0.1
 
-
 # Types of surfaces that each process evaluates at its own points only; and types of surfaces whose
 # evaluation cannot fail
 _SURFACE_TYPES_EVALUATED_LOCALLY = (*CLOSED_FORM_SURFACE_TYPES, TangentPlaneSurface)
@@ -115,6 +114,7 @@ class ContactInterface:
         holds_friction: whether any process has such held components.
         shared_nodes: points grouped by node; a node has one point for each of its pairs.
         laws: interface laws of the pairs; None if no pair has one.
+        facing_fraction: (m,), see `ContactPairPoints`.
     """
 
     def __init__(
@@ -143,8 +143,8 @@ class ContactInterface:
             return np.concatenate([getattr(part, attribute_name) for part in points])
 
         self.position: Array = concatenate_over_pairs("position")
-        self.equation, self.node, self.faced = map(
-            concatenate_over_pairs, ("equation", "node", "faced")
+        self.equation, self.node, self.faced, self.facing_fraction = map(
+            concatenate_over_pairs, ("equation", "node", "faced", "facing_fraction")
         )
         self.shared_nodes = SharedNodes.from_node_numbers(self.node, self.comm)
         self.outward, self._mean_cell_midpoint = (

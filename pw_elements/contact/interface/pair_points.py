@@ -6,7 +6,7 @@ values of this process, such as `find_reduced_column_of_each_unknown`.
 """
 
 import logging
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from mpi4py import MPI
@@ -27,6 +27,7 @@ from pw_elements.contact.interface.mortars import (
     PlaneSlidingMortar,
     SlidingMortar,
     SpaceSlidingMortar,
+    compute_tributary_areas,
     gather_boundary_facets,
     integrate_outward_normals,
 )
@@ -68,6 +69,8 @@ _MAX_AXIS_DISTANCE_PER_BODY_DIAGONAL = 1e-10
 # Smallest cosine between a normal and its projection into a symmetry plane at which the projection
 # replaces the normal
 _MIN_COSINE_OF_NORMAL_TO_SYMMETRY_PLANE = 0.9
+# Facing part of the area of a point above which it counts as the whole area
+_MIN_FRACTION_OF_WHOLE_AREA = 1 - 1e-9
 # Largest gap between coincident sides, relative to the mean edge of the slave's sub-facets. The
 # ratio is 0.01 on an octant of a sphere with two quadratic facets along each side
 _MAX_COINCIDENT_GAP_PER_SLAVE_EDGE = 0.05
@@ -114,6 +117,8 @@ class ContactPairPoints:
             the deformable surface at which supports prescribe this component; -1 if there is none.
         opposite: (k,), global indices of the nodes of a deformable surface on all processes, in
             the order of `order_by_position`.
+        facing_fraction: (m,), part of the area of each point that faces the other side before any
+            motion; 1 at large sliding, where this part changes.
     """
 
     position: Array
@@ -127,7 +132,8 @@ class ContactPairPoints:
     faced: Indices
     on_axis: Mask
     counterpart: Indices
-    opposite: Indices = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    opposite: Indices
+    facing_fraction: Array
 
 
 @dataclass(frozen=True)
@@ -287,6 +293,8 @@ def make_contact_points_at_nodes(
         else opposite_nodes,
         body.on_axis[nodes],
         np.full(body.x[nodes].shape, -1, dtype=np.int64),
+        np.empty(0, dtype=np.int64),
+        np.ones(len(nodes)),
     )
 
 
@@ -573,8 +581,11 @@ def make_small_sliding_mortar_points(
         )
         _warn_of_mesh_gaps_large_for_interference(pair_index, mean_squares, gap, body, edge)
     axes = sp.eye_array(dim)
+    whole_area = compute_tributary_areas(slave, revolved)[np.searchsorted(slave.nodes, owned)]
+    fraction = area / whole_area
     points = replace(
         make_contact_points_at_nodes(body, nodes, cone, None),
+        facing_fraction=np.where(fraction > _MIN_FRACTION_OF_WHOLE_AREA, 1.0, fraction),
         motion_rows=sp.csr_matrix(sp.kron(inverse_area @ motion + unfaced_identity, axes)),
         force_columns=sp.csr_matrix(sp.kron(force, axes)),
         **_make_master_fields_of_contact_points(owned, nodes, master, body),

@@ -18,7 +18,8 @@ All components are in the frame of a node: the normal points from the surface in
 compression is positive. A law must not depend on the direction of the tangents, which may differ
 between increments and between numbers of processes; slips may only enter by their size, or as a
 direction of the force. Forces are nodal forces. A pressure is a force divided by the weight of the
-node, which is the integral of its weight function over the undeformed surface.
+node, which is the integral of its weight function over the undeformed surface; at small sliding of
+two bodies, over the part that faces the other body.
 """
 
 from collections.abc import Sequence
@@ -63,7 +64,8 @@ class InterfaceValues:
         history: (m, h), history variables at the start of the increment.
         weight: (m,), integrals of the nodes' weight functions over the undeformed surface of the
             pair. In plane problems they are lengths (per unit thickness), in axisymmetry areas of
-            the whole circumference. They are zero at nodes that belong to no facet of the pair.
+            the whole circumference. Between two bodies at small sliding, the part that faces no
+            body does not count. They are zero at nodes that belong to no facet of the pair.
         stiffness: (m,), factor c of implicit laws: a force per length, of the order of the body's
             stiffness at the node. Solutions do not depend on it.
         position: (m, dim), undeformed positions of the nodes.
