@@ -194,9 +194,9 @@ CONDUCTIVITY, TOOL_TEMPERATURE, CONDUCTANCE_PER_PRESSURE = 2.0, 100.0, 0.5
 
 def falling_friction(pressure: Array, path: Array) -> tuple[Array, Array, Array]:
     """Return coefficients that fall with pressure and path, and their derivatives by both."""
-    by_pressure, by_path = 1 / (1 + pressure / 40), np.exp(-path / 0.005)
+    by_pressure, by_path = 1 / (1 + pressure / 40), np.exp(-path / 0.5)
     falling = 0.3 * by_pressure * by_path
-    return 0.1 + falling, -falling * by_pressure / 40, -falling / 0.005
+    return 0.1 + falling, -falling * by_pressure / 40, -falling / 0.5
 
 
 class _BarOnFloor(ElasticBlock):
