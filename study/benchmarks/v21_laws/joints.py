@@ -404,9 +404,7 @@ class _StackedBlocks(ElasticBlock):
         facets = locate_exterior_facets(mesh, on_plane(1, 1.0))
         cells = mesh.topology.connectivity(1, 2)
         x = self.space.tabulate_dof_coordinates()
-        height = np.array(
-            [x[self.space.dofmap.list[cells.links(f)[0]], 1].mean() for f in facets]
-        )
+        height = np.array([x[self.space.dofmap.list[cells.links(f)[0]], 1].mean() for f in facets])
         self.lower_facets, self.upper_facets = facets[height < 1], facets[height > 1]
 
     def upper_nodes(self) -> Array:

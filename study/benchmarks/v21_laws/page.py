@@ -1,6 +1,9 @@
 """Verification of interface laws, of heat across a joint, and of nodes in two pairs."""
 
+import numpy as np
+
 from study.benchmarks.v21_laws.joints import groove, joint, tie, uniform
+from study.benchmarks.v21_laws.sliding import peel, regularise, wear
 from study.judge.checks import check
 from study.judge.measures.general import largest, scalar
 from study.run.cases import Case
@@ -31,6 +34,15 @@ CASES = [
     *(
         Case("V21", f"groove-{element}", groove, {"element": element})
         for element in ("pw-T10", "galerkin-T10")
+    ),
+    *(
+        Case("V21", f"wear-{element}", wear, {"element": element})
+        for element in ("pw-T6", "galerkin-T6", "pw-T10", "galerkin-T10")
+    ),
+    *(
+        Case("V21", f"{name}-{element}", problem, {"element": element})
+        for name, problem in (("peel", peel), ("slip", regularise))
+        for element in ("pw-T6", "galerkin-T6")
     ),
 ]
 
@@ -89,6 +101,65 @@ CHECKS = [
         tolerance_why="friction is not quite axial, since the block deforms",
         tolerance_set="before",
         why="Friction over sin 45° is the drag coefficient of a right-angled groove.",
+    ),
+    check(
+        "V21-worn-shape",
+        "A bent block after 150 increments of wear, new elements: largest error of the worn depth "
+        "less its mean, over S / E'.",
+        lambda results: largest(results, "V21", "wear-pw-.*", "shape_error"),
+        "<",
+        1e-3,
+        tolerance_why="the longest wave of pressure decays by some 6 % in each increment",
+        tolerance_set="before",
+        why="Pressure becomes uniform, and displacements quadratic, which both elements have.",
+    ),
+    check(
+        "V21-archard",
+        "A bent block, new elements: relative error of the worn volume.",
+        lambda results: largest(results, "V21", "wear-pw-.*", "volume_error"),
+        "<",
+        1e-4,
+        tolerance_why="nodes slip by their own displacements, too, a thousandth of an increment's slip",
+        tolerance_set="before",
+        why="Weights add up to the area, and pressures times weights to the force.",
+    ),
+    check(
+        "V21-peeling",
+        "An arm peeled off a floor, new element: largest relative error of J in increments in which "
+        "the crack has opened completely.",
+        lambda results: scalar(results, "V21/peel-pw-T6", "j_error"),
+        "<",
+        0.02,
+        tolerance_why="some twelve nodes within the zone of decohesion",
+        tolerance_set="before",
+        why="J is the toughness, whatever the length of the crack.",
+    ),
+    check(
+        "V21-partial-slip",
+        "Two cylinders, friction regularised over 1 % of the slip scale, new element: root mean "
+        "square error of the shear away from the ends of the sticking zone.",
+        lambda results: scalar(results, "V21/slip-pw-T6", "smooth_100_error_apart"),
+        "<",
+        0.03,
+        tolerance_why="slip within the sticking zone changes shear by a few times the relative length",
+        tolerance_set="before",
+        why="Regularised friction tends to Coulomb's.",
+    ),
+    check(
+        "V21-partial-slip-order",
+        "The same: order in the regularisation length by which the shear tends to that of Coulomb's "
+        "law on the same mesh (10 and 1 % of the slip scale).",
+        lambda results: np.log10(
+            scalar(results, "V21/slip-pw-T6", "distance_10")
+            / scalar(results, "V21/slip-pw-T6", "distance_100")
+        ),
+        "=",
+        0.83,
+        tolerance=0.2,
+        tolerance_why="from 2/3 at the ends of the sticking zone, where shear has a vertical tangent, "
+        "to 1 within it",
+        tolerance_set="before",
+        why="The slip of sticking nodes is proportional to the length.",
     ),
 ]
 
