@@ -50,7 +50,7 @@ BLOCK_DEPTH = 0.5
 """Size of the block in space along the second axis, in which it is held."""
 WORN_DEPTH_PER_INCREMENT = 0.05 / PLANE_STRAIN_MODULUS
 """Depth that the mean pressure wears in an increment: a tenth of what unloads the shortest waves."""
-SLIP_PER_INCREMENT, N_WEAR_INCREMENTS = 1.0, 150
+SLIP_PER_INCREMENT, N_WEAR_INCREMENTS = 0.3, 150
 """Slip, large compared with displacements, as if an increment were many strokes; their number."""
 DRAWN_INCREMENTS = 0, 10, 40, N_WEAR_INCREMENTS
 """Increments of which curves are stored."""
@@ -138,13 +138,13 @@ class _BentBlock(ElasticBlock):
 
 # An arm that is peeled off a rigid floor
 
-ARM_LENGTH, BOND_LENGTH, ARM_HEIGHT, ELEMENTS_OVER_HEIGHT = 10.0, 8.0, 1.0, 4
-ARM_COHESION = CohesiveContact(stiffness=2000.0, strength=2.0, toughness=0.02)
-ROTATIONS = tuple(np.arange(2, 15) / 100)
+ARM_LENGTH, BOND_LENGTH, ARM_HEIGHT = 10.0, 8.0, 1.0
+ARM_COHESION = CohesiveContact(stiffness=2000.0, strength=0.2, toughness=2e-4)
+ROTATIONS = tuple(np.arange(2, 15) / 1000)
 """Rotations of the free end, after the increments."""
 
 
-def peel(element: str) -> Result:
+def peel(element: str, elements: int) -> Result:
     """Bend an arm off a floor by a prescribed rotation of its end, and compare J with the toughness.
 
     A moment M and a normal force N on the end have the J integral 6 M^2 / (E' h^3) + N^2 / (2 E' h)
@@ -152,9 +152,9 @@ def peel(element: str) -> Result:
 
     Args:
         element: Name of the element.
+        elements: Number of elements over the height of the arm.
     """
-    n = ELEMENTS_OVER_HEIGHT
-    divisions = (int(ARM_LENGTH / ARM_HEIGHT) * n, n)
+    divisions = (int(ARM_LENGTH / ARM_HEIGHT) * elements, elements)
     mesh = triangles(MPI.COMM_SELF, (0, 0), (ARM_LENGTH, ARM_HEIGHT), divisions, "left_right")
     arm = ElasticBlock(element, mesh, POISSONS_RATIO, YOUNGS_MODULUS)
     end = on_plane(0, ARM_LENGTH)
