@@ -49,7 +49,7 @@ BENDING_STRESS, BLOCK_PRESSURE = 1.0, 1.0
 BLOCK_DEPTH = 0.5
 """Size of the block in space along the second axis, in which it is held."""
 WORN_DEPTH_PER_INCREMENT = 0.05 / PLANE_STRAIN_MODULUS
-"""Depth that the mean pressure wears in an increment: a tenth of what unloads the shortest waves."""
+"""Depth that the mean pressure wears in an increment: a tenth of what unloads shortest waves."""
 SLIP_PER_INCREMENT, N_WEAR_INCREMENTS = 0.3, 150
 """Slip, large compared with displacements, as if an increment were many strokes; their number."""
 DRAWN_INCREMENTS = 0, 10, 40, N_WEAR_INCREMENTS
@@ -140,12 +140,12 @@ class _BentBlock(ElasticBlock):
 
 ARM_LENGTH, BOND_LENGTH, ARM_HEIGHT = 10.0, 8.0, 1.0
 ARM_COHESION = CohesiveContact(stiffness=2000.0, strength=0.2, toughness=2e-4)
-ROTATIONS = tuple(np.arange(2, 15) / 1000)
+ROTATIONS = tuple(np.arange(4, 29) / 2000)
 """Rotations of the free end, after the increments."""
 
 
 def peel(element: str, elements: int) -> Result:
-    """Bend an arm off a floor by a prescribed rotation of its end, and compare J with the toughness.
+    """Bend an arm off a floor by a prescribed rotation of its end, and compare J and toughness.
 
     A moment M and a normal force N on the end have the J integral 6 M^2 / (E' h^3) + N^2 / (2 E' h)
     for a crack of any length. It is the toughness if the crack's tip has opened completely.
@@ -154,51 +154,34 @@ def peel(element: str, elements: int) -> Result:
         element: Name of the element.
         elements: Number of elements over the height of the arm.
     """
-    divisions = (int(ARM_LENGTH / ARM_HEIGHT) * elements, elements)
-    mesh = triangles(MPI.COMM_SELF, (0, 0), (ARM_LENGTH, ARM_HEIGHT), divisions, "left_right")
-    arm = ElasticBlock(element, mesh, POISSONS_RATIO, YOUNGS_MODULUS)
-    end = on_plane(0, ARM_LENGTH)
-
-    def is_bonded(x: Array) -> Mask:
-        return np.asarray(np.isclose(x[1], 0) & (x[0] < BOND_LENGTH + 1e-9))
-
-    bond = ContactPair(is_bonded, Plane((0, 0), (0, 1)), interface_law=ARM_COHESION)
-    problem = ContactProblem(arm.K, arm.supports((0, end)), bond, arm.space)
-    nodes = fem.locate_dofs_geometrical(arm.space, end)
-    lever = arm.space.tabulate_dof_coordinates()[nodes, 1] - ARM_HEIGHT / 2
-    state, j_over_toughness, forces, imbalances, n_separated = problem.undeformed, [], [], [], []
+    arm = _BondedArm(element, elements)
+    state, ends, imbalances, n_separated = arm.problem.undeformed, [], [], []
     for rotation in ROTATIONS:
-        prescribed = arm.K.createVecRight()
-        prescribed.array.reshape(-1, 2)[nodes, 0] = -rotation * lever
-        load = arm.K * prescribed
-        load.scale(-1.0)
-        state = problem.step(state, load)
+        state, moment, force = arm.rotate_end(state, rotation)
         (pair,) = state.pairs
-        reaction = (arm.K * (state.displacement + prescribed)).array.reshape(-1, 2)[nodes, 0]
-        moment, force = -reaction @ lever, reaction.sum()
-        j = 6 * moment**2 / (PLANE_STRAIN_MODULUS * ARM_HEIGHT**3)
-        j += force**2 / (2 * PLANE_STRAIN_MODULUS * ARM_HEIGHT)
-        j_over_toughness.append(j / ARM_COHESION.toughness)
-        forces.append(force)
-        pair_moment = pair.force_vector[:, 1] @ (pair.position[:, 0] - ARM_LENGTH)
-        pair_moment += pair.force_vector[:, 0].sum() * ARM_HEIGHT / 2
-        imbalances.append(abs(moment + pair_moment) / abs(moment))
+        ends.append((moment, force))
+        moment_of_bond = pair.force_vector[:, 1] @ (pair.position[:, 0] - ARM_LENGTH)
+        moment_of_bond += pair.force_vector[:, 0].sum() * ARM_HEIGHT / 2
+        imbalances.append(abs(moment + moment_of_bond) / abs(moment))
         separation = pair.law_history[:, -1] / ARM_COHESION.final_opening
         n_separated.append(np.count_nonzero(separation >= 1))
-    j_over_toughness, is_peeling = np.array(j_over_toughness), np.array(n_separated) > 0
-    x = pair.position[:, 0]
+    moments, normal_forces = np.transpose(ends)
+    j_of_force = normal_forces**2 / (2 * PLANE_STRAIN_MODULUS * ARM_HEIGHT)
+    j_of_force /= ARM_COHESION.toughness
+    j_of_moment = 6 * moments**2 / (PLANE_STRAIN_MODULUS * ARM_HEIGHT**3)
+    j_over_toughness = j_of_moment / ARM_COHESION.toughness + j_of_force
+    is_peeling, x = np.array(n_separated) > 0, pair.position[:, 0]
     areas = NodalAreas.from_nodes(arm, x)
     scalars = {
         "j_error": np.abs(j_over_toughness[is_peeling] - 1).max(),
         "j_mean": j_over_toughness[is_peeling].mean(),
         "j_spread": np.ptp(j_over_toughness[is_peeling]),
-        "normal_force_share": np.max(np.square(forces))
-        / (2 * PLANE_STRAIN_MODULUS * ARM_HEIGHT * ARM_COHESION.toughness),
+        "normal_force_share": j_of_force.max(),
         "peeling_increments": is_peeling.sum(),
         "crack_growth": BOND_LENGTH - x[separation >= 1].min(),
         "moment_imbalance": max(imbalances),
     }
-    curves = {
+    curves: dict[str, Array] = {
         "rotation": np.array(ROTATIONS),
         "j_over_toughness": j_over_toughness,
         "x": x,
@@ -207,6 +190,48 @@ def peel(element: str, elements: int) -> Result:
         "separation": separation,
     }
     return make_dimensionless_result(scalars, curves, arm.n_dofs)
+
+
+class _BondedArm(ElasticBlock):
+    """Arm with a cohesive bond on its lower side, whose end is rotated.
+
+    Args:
+        element: Name of the element.
+        elements: Number of elements over the height of the arm.
+    """
+
+    def __init__(self, element: str, elements: int) -> None:
+        divisions = (int(ARM_LENGTH / ARM_HEIGHT) * elements, elements)
+        mesh = triangles(MPI.COMM_SELF, (0, 0), (ARM_LENGTH, ARM_HEIGHT), divisions, "left_right")
+        super().__init__(element, mesh, POISSONS_RATIO, YOUNGS_MODULUS)
+        end = on_plane(0, ARM_LENGTH)
+
+        def is_bonded(x: Array) -> Mask:
+            return np.asarray(np.isclose(x[1], 0) & (x[0] < BOND_LENGTH + 1e-9))
+
+        bond = ContactPair(is_bonded, Plane((0, 0), (0, 1)), interface_law=ARM_COHESION)
+        self.problem = ContactProblem(self.K, self.supports((0, end)), bond, self.space)
+        self.end_nodes = fem.locate_dofs_geometrical(self.space, end)
+        x = self.space.tabulate_dof_coordinates()[self.end_nodes]
+        self.lever: Array = x[:, 1] - ARM_HEIGHT / 2
+
+    def rotate_end(self, start: ContactState, rotation: float) -> tuple[ContactState, float, float]:
+        """Return the state at a rotation of the end, with the moment and normal force on the end.
+
+        The end's displacements are replaced by a load, so that they are zero in the state.
+
+        Args:
+            start: State before.
+            rotation: Rotation of the end since the undeformed state.
+        """
+        prescribed = self.K.createVecRight()
+        prescribed.array.reshape(-1, 2)[self.end_nodes, 0] = -rotation * self.lever
+        load = self.K * prescribed
+        load.scale(-1.0)
+        state = self.problem.step(start, load)
+        nodal_forces = (self.K * (state.displacement + prescribed)).array.reshape(-1, 2)
+        reaction = nodal_forces[self.end_nodes, 0]
+        return state, float(-reaction @ self.lever), float(reaction.sum())
 
 
 # Two equal cylinders in partial slip, with regularised friction
@@ -237,17 +262,19 @@ def regularise(element: str) -> Result:
     cylinders = _TwoCylinders(element)
     coulomb = cylinders.shear(None)
     scalars = cylinders.compare("coulomb", coulomb.shear)
-    curves = {
+    scale = FRICTION * PARTIAL_SLIP.peak_pressure
+    curves: dict[str, Array] = {
         "x": cylinders.x,
-        "exact": PARTIAL_SLIP.shear(cylinders.x) / (FRICTION * PARTIAL_SLIP.peak_pressure),
-        "coulomb": coulomb.shear / (FRICTION * PARTIAL_SLIP.peak_pressure),
+        "exact": PARTIAL_SLIP.shear(cylinders.x) / scale,
+        "coulomb": coulomb.shear / scale,
     }
     for name, relative_length in RELATIVE_LENGTHS.items():
         smooth = cylinders.shear(relative_length * SLIP_SCALE)
         scalars |= cylinders.compare(f"smooth_{name}", smooth.shear)
         scalars[f"distance_{name}"] = cylinders.distance(smooth.shear, coulomb.shear)
         scalars[f"creep_{name}"] = smooth.creep
-        curves[f"smooth_{name}"] = smooth.shear / (FRICTION * PARTIAL_SLIP.peak_pressure)
+        curves[f"smooth_{name}"] = smooth.shear / scale
+    scalars["length_order"] = np.log10(scalars["distance_10"] / scalars["distance_100"])
     return make_dimensionless_result(scalars, curves, cylinders.n_dofs)
 
 

@@ -557,7 +557,7 @@ def summarize_provenance(cases: list[StoredResult]) -> dict[str, Any]:
 
 
 def _format_range_of_verification_sections() -> str:
-    """Return the first and last of the sections V1, V2 etc., as "V1 to V20"."""
+    """Return the first and last of the sections V1, V2 etc., as "V1 to V21"."""
     sections = [section for section in SECTIONS if section.startswith("V")]
     return " to ".join([*sections[:1], *sections[-1:]])
 
