@@ -104,7 +104,18 @@ class ResidualSystem:
 
     def __init__(self, u: fem.Function, residual: fem.Form, tangent: Sequence[fem.Form]) -> None:
         self.u, self._residual_form, self._tangent_forms = u, residual, tangent
-        self.blocked = False  # whether the tangent is stored in blocks of nodes
+        self._blocked = False
+
+    @property
+    def blocked(self) -> bool:
+        """Whether the tangent is stored in blocks of nodes; it is created again if this changes."""
+        return self._blocked
+
+    @blocked.setter
+    def blocked(self, blocked: bool) -> None:
+        if blocked != self._blocked:
+            self.__dict__.pop("tangent", None)
+        self._blocked = blocked
 
     @cached_property
     def tangent(self) -> PETSc.Mat:

@@ -71,7 +71,7 @@ def choose_solver(
     supports: Supports | None,
     direct_only_reason: str = "",
     for_modes: bool = False,
-    contact_stiffness: PETSc.Mat | None = None,
+    compute_contact_stiffness: Callable[[], PETSc.Mat] | None = None,
 ) -> LinearSolver:
     """Return the solver to use: the user's own solver, or the one that "auto" chooses.
 
@@ -81,8 +81,9 @@ def choose_solver(
             reduction.
         direct_only_reason: reason why only a factorisation can be used, or "" if there is none.
         for_modes: whether eigenvalues are computed.
-        contact_stiffness: stiffness (n, n) of a body in contact, whose supports alone may not hold
-            it; None without contact.
+        compute_contact_stiffness: function that returns the stiffness (n, n) of a body in contact,
+            whose supports alone may not hold it; it is called only if the choice depends on this.
+            None without contact.
 
     Raises:
         ValueError: for a solver that is neither an object nor "auto".
@@ -99,8 +100,11 @@ def choose_solver(
     ):
         return Direct()
     is_small = dofs < _MIN_KRYLOV_DOFS_IF_HELD_BY_CONTACT and not is_hybrid(supports.space)
-    in_contact = contact_stiffness is not None
-    if in_contact and is_small and has_free_rigid_motion(contact_stiffness, supports):
+    if (
+        compute_contact_stiffness is not None
+        and is_small
+        and has_free_rigid_motion(compute_contact_stiffness(), supports)
+    ):
         log_on_root(
             mesh.comm, logging.INFO, f"auto: Direct for {dofs} unknowns that contact has to hold"
         )

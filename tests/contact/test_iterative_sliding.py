@@ -4,6 +4,8 @@ The bodies are plane, axisymmetric and solid; some are held by contact alone, an
 several pairs.
 """
 
+import logging
+
 from mpi4py import MPI
 
 import numpy as np
@@ -12,8 +14,24 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import CellType, compute_midpoints, locate_entities_boundary
 
-from pw_elements import Body, Direct, Iterative, Material, boundary_measure, prescribe
-from pw_elements.contact import SLIP, STICK, ContactPair, ContactProblem, DeformableSurface, Motion
+from pw_elements import (
+    Body,
+    Direct,
+    Iterative,
+    Material,
+    NotConverged,
+    boundary_measure,
+    prescribe,
+)
+from pw_elements.contact import (
+    SLIP,
+    STICK,
+    ContactPair,
+    ContactProblem,
+    DeformableSurface,
+    Motion,
+    SolutionNotFound,
+)
 from pw_elements.solvers import automatic
 from tests.contact.blocks_in_space import BLOCK_PATH, INITIAL_GAP, BlocksInSpace
 from tests.contact.cases import make_finite_strain_unknown_and_residual, on_plane
@@ -205,3 +223,42 @@ def test_automatic_choice_includes_sliding_bodies(monkeypatch):
     monkeypatch.setattr(automatic, "_MIN_KRYLOV_DOFS_IF_HELD_BY_CONTACT", 100)
     (state,) = BlocksInSpace(solver="auto").slide(BLOCK_PATH[:1])
     assert state.report.method.startswith("GMRES")
+
+
+@pytest.mark.parametrize(("holds_top", "solver"), [(False, Direct()), (True, Iterative())])
+def test_auto_selects_direct_for_larger_sliding_bodies_that_only_contact_holds(
+    monkeypatch, holds_top, solver
+):
+    monkeypatch.setattr(automatic, "_MIN_KRYLOV_DOFS", 100)
+    blocks = BlocksInSpace(solver="auto")
+    if not holds_top:
+        del blocks.conditions[3:]
+    assert blocks.problem._large_strain_stepping.solver == solver
+
+
+def test_auto_falls_back_to_the_direct_solver_where_bodies_slide(monkeypatch, caplog):
+    """A Krylov solver that fails is replaced by factors, also in the following increments."""
+    divisions, path = ((2, 2, 1), (2, 2, 1)), BLOCK_PATH[:2]
+    expected = BlocksInSpace(divisions=divisions).slide(path)
+    few_iterations = Iterative(options={"ksp_max_it": 1})
+    with pytest.raises(SolutionNotFound, match=r"use Direct\(\)"):
+        BlocksInSpace(divisions=divisions, solver=few_iterations).slide(path)
+    for limit in ("_MIN_KRYLOV_DOFS", "_MIN_KRYLOV_DOFS_IF_HELD_BY_CONTACT"):
+        monkeypatch.setattr(automatic, limit, 100)
+    monkeypatch.setattr(automatic, "Iterative", lambda: few_iterations)
+    blocks = BlocksInSpace(divisions=divisions, solver="auto")
+    with caplog.at_level(logging.INFO, logger="pw_elements"):
+        states = blocks.slide(path)
+    said = [record.getMessage() for record in caplog.records]
+    assert sum("Iterative gave up, Direct goes on" in message for message in said) == 1
+    for state, exact in zip(states, expected, strict=True):
+        assert state.report == exact.report
+        assert np.array_equal(state.displacement.array_r, exact.displacement.array_r)
+    blocks._problem = blocks.problem.with_changes(friction=0.0)
+    (state,) = blocks.slide(path[:1])
+    assert state.report.method == expected[0].report.method
+    (pair,) = state.pairs
+    assert np.abs(pair.force_tangential).max() < 1e-9 * np.abs(pair.force_vector).max()
+    monkeypatch.setattr(automatic, "total_free_memory_in_bytes", lambda _: 1e3)
+    with pytest.raises(NotConverged, match='"auto" does not use'):
+        BlocksInSpace(divisions=divisions, solver="auto").slide(path)

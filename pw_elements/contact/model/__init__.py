@@ -5,6 +5,7 @@ from pw_elements.contact.model.errors import (
     ContactFailed,
     FreeBody,
     LastContactLost,
+    LinearSolverFailed,
     LoadMissingForEquilibrium,
     NoEquilibrium,
     NotUnique,

@@ -9,7 +9,7 @@ import numpy as np
 from pw_elements.arrays import Array
 from pw_elements.checks import format_points
 from pw_elements.contact.model.state import ContactState
-from pw_elements.solvers import SingularSystem
+from pw_elements.solvers import NotConverged, SingularSystem
 
 # Smallest ratio of the friction in a failed increment to its limit at which friction counts as
 # exhausted
@@ -124,6 +124,10 @@ class SolutionNotFound(ContactFailed):
 
 class ActiveSetCycling(SolutionNotFound):
     """The iteration repeats a sequence of active sets, none of which gives a solution."""
+
+
+class LinearSolverFailed(SolutionNotFound, NotConverged):
+    """The iteration ended because the linear solver did not reach its tolerance."""
 
 
 class LastContactLost(SolutionNotFound):

@@ -61,6 +61,7 @@ from pw_elements.contact.model import (
     ContactPair,
     ContactState,
     FreeMotionIndices,
+    LinearSolverFailed,
     Motion,
     ResidualScale,
     SolutionNotFound,
@@ -264,7 +265,7 @@ class LargeStrainStepping:
                         current, target, system, reporter, make_update, start_unknowns
                     )
                 except NotConverged as error:
-                    raise SolutionNotFound(str(error)) from error
+                    raise LinearSolverFailed(str(error)) from error
                 return replace(solution, history=self._update_and_copy_history_values())
 
             substeps: list[tuple[float, ContactState]] = []
@@ -314,7 +315,8 @@ class LargeStrainStepping:
                     message += f". {_FREE_SURFACE_REMEDY}"
                 if interface.laws is not None and interface.laws.may_soften:
                     message += f". {SNAP_BACK_EXPLANATION}"
-                not_found = SolutionNotFound(message)
+                by_solver = isinstance(error, LinearSolverFailed)
+                not_found = (LinearSolverFailed if by_solver else SolutionNotFound)(message)
                 not_found.last_substate = (reached_fraction, current) if substeps else None
                 raise not_found from error
         n_solves, report = measure_cost([system], cost_before)

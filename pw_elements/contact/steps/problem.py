@@ -145,7 +145,8 @@ class ContactProblem:
             "remedies": list_remedy_max_cost_ratios(remedies),
         }
         self._stiffness_state = K.stateGet()
-        self._small_strain_stepping = self._make_small_strain_stepping(self._choose_solver())
+        chosen_solver = choose_solver(solver, self._supports, compute_contact_stiffness=lambda: K)
+        self._small_strain_stepping = self._make_small_strain_stepping(chosen_solver)
         self.undeformed: ContactState = make_undeformed_state(
             self._small_strain_stepping.interface, K.createVecRight()
         )
@@ -188,10 +189,9 @@ class ContactProblem:
                 and axisymmetric problems, the surface may be a `DeformableSurface` whose `revolved`
                 is given. Its facing facets are then determined in each iteration, and slip along
                 curved sides is second-order accurate.
-            solver: solver of the linear systems, as in `solve`, by default `Direct()`. Two bodies
-                and surfaces that are free to rotate require `Direct()`. Unstable states are
-                detected by determinants with `Direct()`, and by negative eigenvalues with
-                `Iterative()`.
+            solver: solver of the linear systems, as in `solve`, by default `Direct()`. Surfaces
+                that are free to rotate require `Direct()`. Unstable states are detected by
+                determinants with `Direct()`, and by negative eigenvalues with `Iterative()`.
             max_iterations: largest number of linear systems solved in one attempt.
             callback: function that is called after each iteration and each increment, as in
                 `ContactProblem`.
@@ -319,31 +319,26 @@ class ContactProblem:
         motion_list = check_and_list_motions(
             motions, self.pairs, self._space.mesh.geometry.dim, self._is_axisymmetric
         )
-        return self._check_load_and_solve_step(state, load, motion_list)
-
-    def _check_load_and_solve_step(
-        self,
-        state: ContactState,
-        load: Any,  # noqa: ANN401
-        motions: Sequence[Motion | None],
-    ) -> ContactState:
-        """Check the load and solve one increment."""
-        load = self._K.createVecRight() if load is None else load
-        check_load("the load", load, self._K)
+        checked_load = self._check_load(load)
         self._rebuild_if_stiffness_changed()
 
         def step_with(solver: LinearSolver) -> ContactState:
-            if solver is not self._small_strain_stepping.solver:
+            if solver is not self._current_stepping.solver:
                 self.release()
-                self._small_strain_stepping = self._make_small_strain_stepping(solver)
-            return self._small_strain_stepping.step(state, load, motions)
+                self._change_solver(solver)
+            return self._current_stepping.step(state, checked_load, motion_list)
 
         return compute_with_direct_fallback(
-            self._small_strain_stepping.solver, self._requested_solver, self._supports, step_with
+            self._current_stepping.solver, self._requested_solver, self._supports, step_with
         )
 
-    def _choose_solver(self) -> LinearSolver:
-        return choose_solver(self._requested_solver, self._supports, contact_stiffness=self._K)
+    def _check_load(self, load: Any) -> Any:  # noqa: ANN401
+        load = self._K.createVecRight() if load is None else load
+        check_load("the load", load, self._K)
+        return load
+
+    def _change_solver(self, solver: LinearSolver) -> None:
+        self._small_strain_stepping = self._make_small_strain_stepping(solver)
 
     def _make_small_strain_stepping(self, solver: LinearSolver) -> SmallStrainStepping:
         return SmallStrainStepping(
@@ -608,11 +603,16 @@ class _ResidualProblem(ContactProblem):
         if isinstance(history, Mapping):
             update = make_update_from_expressions(history)
         reduction = Reduction.dirichlet(space, conditions)
-        chosen_solver = choose_solver(Direct() if solver is None else solver, reduction.supports)
+        self._residual_problem, self._supports = problem, reduction.supports
+        self._make_residual_problem = partial(PetrovGalerkinProblem, residual, u, conditions)
+        self._requested_solver = Direct() if solver is None else solver
+        chosen_solver = choose_solver(
+            self._requested_solver,
+            self._supports,
+            compute_contact_stiffness=self._assemble_undeformed_tangent,
+        )
         problem.system.blocked = has_separate_supports(chosen_solver)
-        u.x.array[:] = 0.0
-        problem.system.assemble_tangent()
-        K = problem.system.tangent
+        self._K = K = self._assemble_undeformed_tangent()
         self.pairs = check_contact_arguments(
             K, reduction, pairs, space, max_iterations, solver, callback
         )
@@ -622,21 +622,20 @@ class _ResidualProblem(ContactProblem):
         )
         check_large_strain_surfaces(self.pairs, space, self._is_axisymmetric)
         check_mesh(space.mesh)
-        self._space, self._K, self._reduction = space, K, reduction
+        self._space, self._reduction = space, reduction
         self._history_spaces = [function.function_space for function in functions]
-        self._residual_problem = problem
         self._make_large_strain_stepping = partial(
             LargeStrainStepping,
-            problem,
-            conditions,
-            reduction,
+            conditions=conditions,
+            reduction=reduction,
             max_iterations=max_iterations,
             callback=callback,
-            solver=chosen_solver,
             history=functions,
             update=update,
         )
-        self._large_strain_stepping = self._make_large_strain_stepping(self.pairs)
+        self._large_strain_stepping = self._make_large_strain_stepping(
+            problem, pairs=self.pairs, solver=chosen_solver
+        )
         start = make_undeformed_state(self._large_strain_stepping.interface, K.createVecRight())
         values = tuple(function.x.array.copy() for function in functions)
         self.undeformed = replace(start, history=values, smallness=None)
@@ -648,26 +647,36 @@ class _ResidualProblem(ContactProblem):
     ) -> None:
         if not has_other_friction:
             return
-        self._residual_problem.u.x.array[:] = 0.0
-        self._residual_problem.system.assemble_tangent()
-        self._large_strain_stepping = self._make_large_strain_stepping(self.pairs)
+        self._restart_stepping(self._large_strain_stepping.solver)
         start = make_undeformed_state(
             self._large_strain_stepping.interface, self._K.createVecRight()
         )
         self.undeformed = replace(start, history=self.undeformed.history, smallness=None)
 
-    def _check_load_and_solve_step(
-        self,
-        state: ContactState,
-        load: Any,  # noqa: ANN401
-        motions: Sequence[Motion | None],
-    ) -> ContactState:
+    def _check_load(self, load: Any) -> Any:  # noqa: ANN401
         remedy = (
             "give a function of the fraction (0, 1] of the increment, which sets the constants and "
             "functions that change"
         )
         check_function_or_none("the load of a residual", load, remedy)
-        return self._large_strain_stepping.step(state, load, motions)
+        return load
+
+    def _change_solver(self, solver: LinearSolver) -> None:
+        # problems made by `with_changes` may still use the tangent of the other solver
+        self._residual_problem = self._make_residual_problem()
+        self._restart_stepping(solver)
+
+    def _assemble_undeformed_tangent(self) -> PETSc.Mat:
+        self._residual_problem.u.x.array[:] = 0.0
+        self._residual_problem.system.assemble_tangent()
+        return self._residual_problem.system.tangent
+
+    def _restart_stepping(self, solver: LinearSolver) -> None:
+        """Replace the stepping by one that has another solver or other friction."""
+        self._K = self._assemble_undeformed_tangent()
+        self._large_strain_stepping = self._make_large_strain_stepping(
+            self._residual_problem, pairs=self.pairs, solver=solver
+        )
 
     def _rebuild_if_stiffness_changed(self) -> None:
         """Do nothing, because the tangent is assembled in each iteration."""
