@@ -1,8 +1,8 @@
 """Run the commands that README and docs show in `sh` blocks, on stored results of the study.
 
-`python3 .ci/documented.py` runs each line that starts ./run or ~/pw-elements/run, and the scripts
-of `examples` that generate meshes, which neither tests nor gallery run. Commands that are left out
-are printed with the reason. The script needs only Python.
+`python3 .ci/documented.py` runs each line that starts ./run, ~/pw-elements/run, sed or a script of
+.ci, and the scripts of `examples` that generate meshes, which neither tests nor gallery run.
+Commands that are left out are printed with the reason. The script needs only Python.
 """
 
 import os
@@ -17,12 +17,20 @@ from pathlib import Path
 PROJECT = Path(__file__).resolve().parents[1]
 PAGES = [PROJECT / "README.md", PROJECT / "CONTRIBUTING.md", *sorted(PROJECT.glob("docs/**/*.md"))]
 
+# Commands that run in the project's folder, and in a folder of the user
+IN_PROJECT = r"(\./run|python3 \.ci/\w+\.py) "
+IN_OWN_FOLDER = r"(~/pw-elements/run|sed|\.ci/user-elements) "
+
 LEFT_OUT = {
+    r"(sed .* > study/benchmarks/|\./run study V\d+$)": "run by tests/run/test_first_steps.py",
     r"\./run study$": "a step of its own",
     r"\./run site$": "a step of its own",
     r"\./run test\b": "a step of its own",
+    r"\./run nightly$": "it takes hours",
     r"\.ci/run\b": "it runs this script",
-    r"cd\b": "each command below runs in such a folder",
+    r"\.ci/build\b": "run by .ci/package and .ci/pip",
+    r"git (tag|push)\b": "they publish a release",
+    r"(mkdir|cd)\b": "each command below runs in such a folder",
     r"(sudo apt|python3 -m venv|~/pw/bin/(pip|mpiexec))\b": "changes the system: see .ci/pip",
     r'pip install "\.\[dolfinx\]"$': "a step of its own",
     r"(conda|docker|pip)\b": "needs another system",
@@ -60,10 +68,13 @@ def main() -> int:
             reasons = [reason for pattern, reason in LEFT_OUT.items() if re.match(pattern, command)]
             if reasons:
                 print(f"== left out: {label} ({reasons[0]})", flush=True)
-            elif re.match(r"(\./|~/pw-elements/)run ", command):
-                is_project_command = command.startswith("./")
-                command = re.sub(r"^\S+run", shlex.quote(str(PROJECT / "run")), command)
-                failed += _run_command(label, command, PROJECT if is_project_command else folder)
+            elif re.match(IN_PROJECT, command):
+                failed += _run_command(label, command, PROJECT)
+            elif re.match(IN_OWN_FOLDER, command):
+                project = f"{shlex.quote(str(PROJECT))}/"
+                command = command.replace("~/pw-elements/", project)
+                command = re.sub(r"^(?=\.ci/)", project, command)
+                failed += _run_command(label, command, folder)
             else:
                 failed.append(f"{label}: neither run nor left out for a reason")
         for script in sorted(PROJECT.glob("examples/*_mesh.py")):

@@ -46,6 +46,18 @@ def test_the_readme_is_short_and_contains_the_required_words():
     }
 
 
+def test_the_abstract_of_the_citation_has_sentences_of_the_readme():
+    yaml = pytest.importorskip("yaml")
+    abstract = yaml.safe_load((ROOT / "CITATION.cff").read_text())["abstract"].strip()
+    readme = (ROOT / "README.md").read_text()
+    text = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", readme)  # links without their targets
+    text = " ".join(re.sub(r"[*`]", "", text).split())
+    sentences = re.split(r"(?<=[a-z][a-z]\.) (?=[A-Z])", abstract)
+    assert len(sentences) == 5
+    for sentence in sentences:
+        assert sentence in text, sentence
+
+
 def test_the_readme_gives_the_numbers_of_statements_by_grade():
     grades = [claim.grade for claim in load_paper_claims()]
     counts = ", ".join(f"{grades.count(grade)} {grade}" for grade in GRADES if grade in grades)
