@@ -374,6 +374,26 @@ def test_a_bar_is_torn_off_along_the_softening_branch(solver):
 
 
 @FOR_DIRECT_AND_ITERATIVE_SOLVER
+@pytest.mark.parametrize("gap", [0.01, 0.03], ids=["damaged", "without bond"])
+def test_an_initial_gap_has_damaged_the_bond(solver, gap):
+    """A force closes the gap, and the bond then pulls with the strength that is left."""
+    bar = Bar()
+    pair = ContactPair(on_plane(1, 0.0), Plane((0, -gap), (0, 1)), interface_law=DUCTILE)
+    supports = bar.make_supports((0, on_plane(1, HEIGHT)), (1, on_plane(1, HEIGHT)))
+    problem = bar.contact_problem(pair, supports, solver=solver)
+    pressed = problem.step(problem.undeformed, motions=Motion((0, None), force=(0, 3.0)))
+    np.testing.assert_allclose(pressed.pairs[0].force[1], 3.0, rtol=1e-9)
+    np.testing.assert_allclose(pressed.pairs[0].gap, 0.0, atol=1e-15)
+    distance = 0.006
+    pulled = problem.step(pressed, motions=Motion((0, gap - distance)))
+    opening = brentq(bar_traction_excess, 0.0, distance + 1e-9, (distance, gap), xtol=1e-15)
+    traction = cohesive_traction(DUCTILE, opening, gap)
+    np.testing.assert_allclose(pulled.pairs[0].gap, opening, rtol=1e-9)
+    np.testing.assert_allclose(pulled.pairs[0].force[1], -traction * WIDTH, atol=1e-9)
+    assert (traction == 0) == (gap > DUCTILE.final_opening)
+
+
+@FOR_DIRECT_AND_ITERATIVE_SOLVER
 @pytest.mark.parametrize("distance", [0.0052, 0.006, 0.02])
 def test_a_state_beyond_a_snap_back_is_refused(solver, distance):
     """The reason is given, whether the increment ends just behind the snap-back or far beyond."""

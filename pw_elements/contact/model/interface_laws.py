@@ -250,8 +250,10 @@ class CohesiveContact:
 
         1 - D = d_0 (d_f - d_max) / (d_max (d_f - d_0))    for d_0 < d_max < d_f.
 
-    The area under the curve is the toughness. Pressed nodes do not penetrate the surface, without a
-    penalty; they keep their damaged shear stiffness. Friction is not included.
+    The area under the curve is the toughness. A gap of the undeformed state counts as an opening
+    that has occurred, so that there is no bond where it is larger than d_f. Pressed nodes do not
+    penetrate the surface, without a penalty; they keep their damaged shear stiffness. Friction is
+    not included.
 
     Args:
         stiffness: initial stiffness K, a traction per length.
@@ -300,13 +302,13 @@ class CohesiveContact:
         return np.clip((history[:, 0] - d_0) / (d_f - d_0), 0.0, 1.0)
 
     def initial_history(self, gap: Array, weight: Array) -> Array:  # noqa: ARG002
-        """Return the largest effective openings (m, 1), which are zero.
+        """Return the largest effective openings (m, 1), which are the initial gaps.
 
         Args:
             gap: (m,), gaps before any motion.
             weight: (m,), weights of the nodes.
         """
-        return np.zeros((len(gap), 1))
+        return np.maximum(gap, 0.0)[:, None]
 
     def evaluate(self, values: InterfaceValues) -> InterfaceResponse:
         """Return forces, derivatives and new history at some nodes.
