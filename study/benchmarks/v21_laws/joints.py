@@ -4,6 +4,7 @@ They are bars on a floor under each interface law, a joint whose conductance ris
 pressure, tied blocks in bending, and a block in a groove.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from mpi4py import MPI
@@ -63,7 +64,7 @@ NO_WEIGHT = 1e-9
 
 
 def make_dimensionless_result(
-    scalars: dict[str, float], curves: dict[str, Array], dofs: int
+    scalars: Mapping[str, float], curves: Mapping[str, npt.NDArray[np.floating]], dofs: int
 ) -> Result:
     """Return a result whose scalars have no units."""
     numbers = {name: float(value) for name, value in scalars.items()}
@@ -328,9 +329,9 @@ def uniform(element: str) -> Result:
         "largest_own": max(scalars[f"{name}_own"] for name in nodal_values),
         "largest_tributary": max(scalars[f"{name}_tributary"] for name in nodal_values),
         "smallest_tributary": min(scalars[f"{name}_tributary"] for name in nodal_values),
-        "worn_depth_error": np.abs(worn.law_history[:, -1] / depth - 1).max(),
-        "slip_error": np.abs(rubbed.slip[:, 0] / slip - 1).max(),
-        "weightless": np.mean(~bar.areas.has_weight),
+        "worn_depth_error": float(np.abs(worn.law_history[:, -1] / depth - 1).max()),
+        "slip_error": float(np.abs(rubbed.slip[:, 0] / slip - 1).max()),
+        "weightless": float(np.mean(~bar.areas.has_weight)),
     }
     return make_dimensionless_result(scalars, {}, bar.n_dofs)
 

@@ -260,7 +260,7 @@ def draw_peeling_and_friction(results: Results) -> Figure:
     ):
         look = {"color": grey, "marker": ".", "markersize": 3, "linewidth": 0.7}
         axes[2].plot(curves["x"][order], curves[name][order], label=label, **look)
-    x = np.linspace(0, 1.05, 421)
+    x = np.linspace(0, 1.05, 421, dtype=np.float64)
     exact_shear = PARTIAL_SLIP.shear(x) / (FRICTION * PARTIAL_SLIP.peak_pressure)
     axes[2].plot(x, exact_shear, color="black", linewidth=0.8, label="exact")
     coulomb = ELEMENT_LOOK["pw-T6"] | {"linestyle": "none", "markersize": 2.5, "label": "Coulomb"}

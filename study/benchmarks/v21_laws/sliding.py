@@ -162,7 +162,7 @@ def peel(element: str, elements: int) -> Result:
         ends.append((moment, force))
         moment_of_bond = pair.force_vector[:, 1] @ (pair.position[:, 0] - ARM_LENGTH)
         moment_of_bond += pair.force_vector[:, 0].sum() * ARM_HEIGHT / 2
-        imbalances.append(abs(moment + moment_of_bond) / abs(moment))
+        imbalances.append(float(abs(moment + moment_of_bond) / abs(moment)))
         separation = pair.law_history[:, -1] / ARM_COHESION.final_opening
         n_separated.append(np.count_nonzero(separation >= 1))
     moments, normal_forces = np.transpose(ends)
@@ -181,7 +181,7 @@ def peel(element: str, elements: int) -> Result:
         "crack_growth": BOND_LENGTH - x[separation >= 1].min(),
         "moment_imbalance": max(imbalances),
     }
-    curves: dict[str, Array] = {
+    curves: dict[str, npt.NDArray[np.floating]] = {
         "rotation": np.array(ROTATIONS),
         "j_over_toughness": j_over_toughness,
         "x": x,
@@ -263,7 +263,7 @@ def regularise(element: str) -> Result:
     coulomb = cylinders.shear(None)
     scalars = cylinders.compare("coulomb", coulomb.shear)
     scale = FRICTION * PARTIAL_SLIP.peak_pressure
-    curves: dict[str, Array] = {
+    curves: dict[str, npt.NDArray[np.floating]] = {
         "x": cylinders.x,
         "exact": PARTIAL_SLIP.shear(cylinders.x) / scale,
         "coulomb": coulomb.shear / scale,
