@@ -27,6 +27,8 @@ SMALL_MEASUREMENTS = [
     Measurement("bodies", "pw-T10", 3, "Iterative"),
     Measurement("pieces", "pw-T10", 2, "Iterative"),
     Measurement("sliding", "pw-T10", 2, "Iterative"),
+    Measurement("sliding-bodies", "pw-T10", 3),
+    Measurement("sliding-bodies", "pw-T10", 3, "Iterative"),
     Measurement("incompressible", "galerkin-hybrid-T10", 2, "Iterative"),
     Measurement("linear", "pw-T10", 3, "Iterative"),
     Measurement("peer-block", "pw-T10", 4, "Iterative"),

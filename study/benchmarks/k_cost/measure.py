@@ -11,6 +11,7 @@ time much; the record notes if the machine was busy.
 """
 
 import json
+import math
 import os
 import platform
 import statistics
@@ -27,7 +28,9 @@ import numpy as np
 
 from study.benchmarks.k_cost.tasks import (
     CALCULIX,
+    EXACT_DIGITS,
     FELUPE,
+    FORCING,
     PEER_OF_TASK,
     TASKS,
     Measurement,
@@ -90,6 +93,10 @@ def list_measurements() -> Iterator[Measurement]:
         yield Measurement("pieces", "pw-T10", n, "Iterative")
     for n in (5, 10, 17):
         yield Measurement("sliding", "pw-T10", n, "Iterative")
+    for n in (6, 10, 17):
+        if n < 17:
+            yield Measurement("sliding-bodies", "pw-T10", n)
+        yield Measurement("sliding-bodies", "pw-T10", n, "Iterative")
     yield Measurement("contact", "pw-hybrid-T10", 11)
     for n in (8, 11, 16, 22):
         yield Measurement("contact", "pw-hybrid-T10", n, "Iterative")
@@ -285,6 +292,49 @@ def read_peak_memory_in_megabytes() -> float:
     status = Path("/proc/self/status").read_text()
     (kilobytes,) = (line.split()[1] for line in status.splitlines() if line.startswith("VmHWM"))
     return int(kilobytes) / 1024
+
+
+# Cost relative to its parts
+
+
+def compute_time_ratios_of_contact_to_its_parts(
+    contact: Measurement, measured_numbers: dict[Measurement, dict[str, float]]
+) -> dict[str, float]:
+    """Return ratios of the CPU time of a whole contact analysis to that of its linear parts.
+
+    The measurement of the task "linear" for the same block provides the times of assembly, of one
+    set-up of the multigrid levels, and of linear solutions with the clamped stiffness K to two
+    accuracies. The denominator of the ratio `over_bare` is the time of assembly, one set-up, and
+    one linear solution per Newton step. The time of such a solution is interpolated between the
+    two accuracies according to the residual reduction required in the step (`digits` is the sum of
+    the decimal logarithms of these reductions). The set-up is counted once, although contact
+    renews parts of the levels; imports, meshing, and the set-up and checks of contact are not
+    counted. The denominator of `over_solutions` is a lower bound: assembly, and one linear solution
+    to the relative residual `FORCING` per step, without set-up and without an exact last step.
+
+    Args:
+        contact: Measurement whose ratios are computed.
+        measured_numbers: Measured quantities of all measurements, by name.
+
+    Returns:
+        The two ratios; empty unless `contact` is an iterative contact solution for which a "linear"
+        measurement exists.
+    """
+    linear_measurement = replace(contact, task="linear")
+    is_iterative_contact = contact.task == "contact" and contact.method == "Iterative"
+    if not is_iterative_contact or linear_measurement not in measured_numbers:
+        return {}
+    linear, measured = measured_numbers[linear_measurement], measured_numbers[contact]
+    n_steps = measured["iterations"]
+    forcing_digits = -math.log10(FORCING)
+    further_digits = measured["digits"] - n_steps * forcing_digits
+    seconds_per_digit = (linear["exact_seconds"] - linear["seconds"]) / (
+        EXACT_DIGITS - forcing_digits
+    )
+    solutions = n_steps * linear["seconds"] + linear["assembly_seconds"]
+    parts = solutions + linear["set_up_seconds"] + further_digits * seconds_per_digit
+    whole = measured["whole_seconds"]
+    return {"over_bare": whole / parts, "over_solutions": whole / solutions}
 
 
 # CalculiX on the block that stands on a rough plane

@@ -7,9 +7,10 @@ because imports contribute to the measured time and memory of a process.
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -20,11 +21,12 @@ from study.model.vocabulary import OPEN, SLIP, STICK
 if TYPE_CHECKING:
     from petsc4py import PETSc
 
+    import ufl
     from dolfinx import fem
     from dolfinx.mesh import Mesh
 
     from pw_elements import Body, Direct, Iterative, Reduction
-    from pw_elements.contact import ContactPair
+    from pw_elements.contact import ContactPair, ContactProblem
     from pw_elements.contact.model import ContactState
 
 T = TypeVar("T")
@@ -42,7 +44,8 @@ class Measurement:
         task: Name of the task: "assembly", "factors" (factorisation) or "frequencies" of the
             clamped block; "contact" (the block on a rough plane); "bodies" (a block on another);
             "pieces" (loose cubes on a plane); "sliding" (a rough ball pressed into rubber and moved
-            along it, at large strains); "incompressible" (the clamped block with a pressure field);
+            along it, at large strains); "sliding-bodies" (a block of rubber that slides on
+            another); "incompressible" (the clamped block with a pressure field);
             "linear" (the clamped block by the solver of contact problems); "peer-block",
             "peer-rubber" and "peer-sliding" (a block on a rough plane, rubber ironed by a rough
             cylinder, and the block of section V18 that slides on another, all compared with another
@@ -108,6 +111,8 @@ CELLS_OF_CUBE = 6
 """Cells along the side of a loose cube."""
 BALL_MOTIONS = ((0.0, 0.0, -0.15), (0.1, 0.0, -0.15))
 """Translations of a ball of radius 1 that is pressed into a block 2 x 2 x 1 and moved along it."""
+SLIDING_DISPLACEMENTS = ((0.0, 0.0, -0.03), (0.1, 0.0, -0.03))
+"""Displacements of the top of a block that slides on another one."""
 
 RUBBER_DEGREE = 4
 """Degree of the quadrature in the block of rubber."""
@@ -540,24 +545,16 @@ def measure_ball_sliding_on_rubber(measurement: Measurement) -> dict[str, float]
     from mpi4py import MPI
 
     import ufl
-    from dolfinx import fem
     from dolfinx.mesh import CellType, create_box
 
     import pw_elements as pw
     from pw_elements.contact import ContactPair, ContactProblem, Motion, Sphere, solve_contact
-    from study.model.discretisation import make_element_spaces
 
     n = (2 * measurement.cells, 2 * measurement.cells, measurement.cells)
     corners = [(-1.0, -1.0, -1.0), (1.0, 1.0, 0.0)]
     mesh = create_box(MPI.COMM_WORLD, corners, n, CellType.tetrahedron)
-    pair_of_spaces = make_element_spaces(measurement.element, mesh)
-    space = pair_of_spaces.trial
-    u = fem.Function(space)
-    F = ufl.Identity(3) + ufl.grad(u)
-    F_inverse = ufl.inv(F).T
-    stress = F - F_inverse + 1.5 * ufl.ln(ufl.det(F)) * F_inverse
-    dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": 2})
-    residual = ufl.inner(stress, ufl.grad(ufl.TestFunction(pair_of_spaces.test))) * dx
+    u, residual = _make_rubber_residual(measurement.element, mesh)
+    space = u.function_space
     tangent = ufl.derivative(residual, u, ufl.TrialFunction(space))
     base = [pw.prescribe(space, k, lambda x: np.isclose(x[2], -1.0)) for k in range(3)]
     supports = pw.Reduction.dirichlet(space, base)
@@ -573,26 +570,85 @@ def measure_ball_sliding_on_rubber(measurement: Measurement) -> dict[str, float]
 
     _, linear_seconds = time_cpu(assemble_and_solve_linearised_contact)
     problem = ContactProblem.of_residual(residual, u, base, pair, solver=pw.Iterative())
-    state, seconds, iterations, krylov_iterations = problem.undeformed, 0.0, 0, 0
-    for motion in motions:
-        state, step_seconds = time_cpu(partial(problem.step, state, None, motion))
-        seconds += step_seconds
-        iterations += state.iterations
-        krylov_iterations += state.report.krylov_iterations
+    state, numbers = _measure_steps(
+        problem, [partial(problem.step, load=None, motions=motion) for motion in motions]
+    )
     (ball,) = state.pairs
-    return {
-        "dofs": space.dofmap.index_map.size_global * 3,
-        "seconds": seconds,
+    return numbers | {
         "linear_seconds": linear_seconds,
-        "over_linear": seconds / len(motions) / linear_seconds,
-        "iterations": iterations,
-        "krylov_iterations": krylov_iterations,
-        "sticking": float((ball.status == STICK).sum()),
-        "slipping": float((ball.status == SLIP).sum()),
-        "displacement": state.displacement.norm(),
+        "over_linear": numbers["seconds"] / len(motions) / linear_seconds,
         "pressed": float(-ball.force[2]),
         "pushed": float(ball.force[0]),
     }
+
+
+def _make_rubber_residual(element: str, mesh: "Mesh") -> "tuple[fem.Function, ufl.Form]":
+    """Return the displacement of neo-Hookean rubber, and its residual."""
+    import ufl
+    from dolfinx import fem
+
+    from study.model.discretisation import make_element_spaces
+
+    spaces = make_element_spaces(element, mesh)
+    u = fem.Function(spaces.trial)
+    F = ufl.Identity(3) + ufl.grad(u)
+    F_inverse = ufl.inv(F).T
+    stress = F - F_inverse + 1.5 * ufl.ln(ufl.det(F)) * F_inverse
+    dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": 2})
+    return u, ufl.inner(stress, ufl.grad(ufl.TestFunction(spaces.test))) * dx
+
+
+def _measure_steps(
+    problem: "ContactProblem", steps: "Sequence[Callable[[ContactState], ContactState]]"
+) -> "tuple[ContactState, dict[str, float]]":
+    """Compute increments of one contact pair; return the last state and the measured numbers."""
+    states, seconds = [problem.undeformed], 0.0
+    for step in steps:
+        state, step_seconds = time_cpu(partial(step, states[-1]))
+        states.append(state)
+        seconds += step_seconds
+    (pair,) = state.pairs
+    return state, {
+        "dofs": state.displacement.getSize(),
+        "seconds": seconds,
+        "iterations": sum(state.iterations for state in states[1:]),
+        "krylov_iterations": sum(state.report.krylov_iterations for state in states[1:]),
+        "sticking": float((pair.status == STICK).sum()),
+        "slipping": float((pair.status == SLIP).sum()),
+        "displacement": state.displacement.norm(),
+    }
+
+
+def measure_block_sliding_on_block(measurement: Measurement) -> dict[str, float]:
+    """Measure a block of rubber that is pressed onto another one and slid along it."""
+    from dolfinx import fem
+
+    import pw_elements as pw
+    from pw_elements.contact import ContactProblem
+
+    n = measurement.cells
+    mesh, is_upper = _mesh_two_blocks((n, round(CELL_RATIO * n)))
+    u, residual = _make_rubber_residual(measurement.element, mesh)
+    space = u.function_space
+    top = [fem.Constant(mesh, 0.0) for _ in range(3)]
+    supports = [
+        *(pw.prescribe(space, k, lambda x: np.isclose(x[2], 0.0)) for k in range(3)),
+        *(pw.prescribe(space, k, lambda x: np.isclose(x[2], 2.0), top[k]) for k in range(3)),
+    ]
+    pair = _create_contact_pair_of_blocks(space, is_upper)
+    solver = _create_solver(measurement.method)
+    problem = ContactProblem.of_residual(residual, u, supports, pair, solver=solver)
+
+    def move_top(start: Array, end: Array, factor: float) -> None:
+        for constant, a, b in zip(top, start, end, strict=True):
+            constant.value = (1 - factor) * a + factor * b
+
+    ends = pairwise(np.array([(0.0, 0.0, 0.0), *SLIDING_DISPLACEMENTS]))
+    state, numbers = _measure_steps(
+        problem, [partial(problem.step, load=partial(move_top, *end)) for end in ends]
+    )
+    force = state.pairs[0].force
+    return numbers | {"normal": float(force[2]), "tangential": float(-force[0])}
 
 
 # Comparison with other programs
@@ -756,6 +812,7 @@ TASKS: dict[str, Callable[[Measurement], dict[str, float]]] = {
     "bodies": measure_contact_of_two_blocks,
     "pieces": measure_contact_of_loose_cubes,
     "sliding": measure_ball_sliding_on_rubber,
+    "sliding-bodies": measure_block_sliding_on_block,
     "incompressible": measure_clamped_incompressible_block,
     "linear": measure_multigrid_set_up_and_solutions,
     "peer-block": measure_block_for_comparison,
