@@ -11,6 +11,7 @@ import dolfinx
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
+from dolfinx.common import IndexMap
 from dolfinx.mesh import Mesh
 
 from pw_elements.arrays import Array, LocalIndices
@@ -20,8 +21,12 @@ __all__ = [
     "create_form_from_cell_kernels",
     "interpolation_points",
     "is_petsc_option_used",
+    "make_index_map",
     "matrix_with_single_entry_rows",
 ]
+
+# Tag of messages by which DOLFINx 0.11 sets up an index map
+_INDEX_MAP_MESSAGE_TAG = 58
 
 
 def cell_geometry_nodes(mesh: Mesh) -> LocalIndices:
@@ -90,3 +95,21 @@ def create_form_from_cell_kernels(
         {} if dolfinx.__version__.startswith("0.9.") else [],  # maps between meshes
         mesh._cpp_object,
     )
+
+
+def make_index_map(
+    comm: MPI.Comm,
+    n_owned: int,
+    ghosts: npt.NDArray[np.int64],
+    owners: npt.NDArray[np.int32],
+) -> IndexMap:
+    """Create the index map of n_owned nodes on this process and of ghosts; collective.
+
+    Args:
+        comm: communicator of the processes.
+        n_owned: number of nodes that this process owns.
+        ghosts: global numbers (k,) of the ghosts.
+        owners: processes (k,) that own the ghosts.
+    """
+    tag = () if dolfinx.__version__.startswith("0.9.") else (_INDEX_MAP_MESSAGE_TAG,)
+    return IndexMap(comm, n_owned, ghosts, owners, *tag)

@@ -9,6 +9,11 @@ from pw_elements.algebra.eigen import (
     extract_diagonal_mass,
     vibration_modes,
 )
+from pw_elements.algebra.joined import (
+    JoinedProblem,
+    JoinedResidualSystem,
+    make_residual_problem,
+)
 from pw_elements.algebra.linear import (
     factorise,
     has_free_constant_pressure,

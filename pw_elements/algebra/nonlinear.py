@@ -383,6 +383,17 @@ class PetrovGalerkinProblem:
         self._solver: LinearSolver = Direct() if solver is None else solver
         self._solved_loads: dict[fem.Constant, Array] = {}  # values at the end of the last `solve`
 
+    @property
+    def is_galerkin(self) -> bool:
+        """Whether trial and test functions are the same."""
+        (test_function,) = self.form.arguments()
+        return bool(test_function.ufl_element() == self._space.ufl_element())
+
+    @property
+    def parts(self) -> "list[PetrovGalerkinProblem]":
+        """The problem of each body that has a mesh of its own, which is this problem alone."""
+        return [self]
+
     @check_same_arguments_on_all_processes
     def solve(self, load: LoadSetterOrConstants | None = None, increments: int = 1) -> fem.Function:
         """Solve for u, starting from the current values of u.

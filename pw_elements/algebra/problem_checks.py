@@ -15,6 +15,7 @@ import numpy as np
 from dolfinx import fem
 
 from pw_elements.checks import arguments, raise_errors_on_all_processes
+from pw_elements.checks.joined import JoinedSpace
 from pw_elements.spaces import AssemblyRecord, SubSpace, read_record
 
 _STIFFNESS_NAME_IN_MESSAGES = "the stiffness"
@@ -73,7 +74,8 @@ def check_problem(
             arguments.check_equal_vector_sizes(K_name, K.getSizes()[0], "the space", space)
             spaces["the space"] = space
         for name, V in spaces.items():
-            _check_same_mesh(name, None if V is None else V.mesh._cpp_object, K_record)
+            has_one_mesh = V is not None and not isinstance(V, JoinedSpace)
+            _check_same_mesh(name, V.mesh._cpp_object if has_one_mesh else None, K_record)
         for name, tensor in {**matrices, **loads}.items():
             _check_same_weights_and_stress_state(name, read_record(tensor), K_record)
     for name, matrix in matrices.items():

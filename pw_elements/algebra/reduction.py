@@ -21,9 +21,11 @@ from pw_elements.arrays import Mask
 from pw_elements.checks import (
     arguments,
     check_same_arguments_on_all_processes,
+    count_local_and_global_dofs,
     format_points,
     raise_errors_on_all_processes,
 )
+from pw_elements.checks.joined import JoinedSpace
 from pw_elements.solvers import (
     ITERATIVE_NEEDS_SUPPORTS_MESSAGE,
     ConstrainedOperator,
@@ -57,7 +59,8 @@ _ROUND_OFF_OVER_LARGEST_ENTRY = 1e-13
 
 
 def free_dofs_and_prescribed_values(
-    space: fem.FunctionSpace, conditions: fem.DirichletBC | Sequence[fem.DirichletBC]
+    space: fem.FunctionSpace | JoinedSpace,
+    conditions: fem.DirichletBC | Sequence[fem.DirichletBC],
 ) -> tuple[Mask, PETSc.Vec]:
     """Return a mask (owned dofs,) of free degrees of freedom, and the prescribed values (n,).
 
@@ -74,6 +77,8 @@ def free_dofs_and_prescribed_values(
     """
     arguments.check_function_space(space)
     condition_list = [conditions] if isinstance(conditions, fem.DirichletBC) else conditions
+    if isinstance(space, JoinedSpace):
+        return _free_dofs_and_prescribed_values_of_bodies(space, condition_list)
     index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
     owned, comm = index_map.size_local * block, space.mesh.comm
     values = np.zeros(owned + index_map.num_ghosts * block)
@@ -117,6 +122,49 @@ def free_dofs_and_prescribed_values(
     offset = PETSc.Vec().createMPI((owned, index_map.size_global * block), comm=comm)
     offset.setArray(values[:owned])
     return free, offset
+
+
+def _free_dofs_and_prescribed_values_of_bodies(
+    space: JoinedSpace, conditions: Sequence[fem.DirichletBC]
+) -> tuple[Mask, PETSc.Vec]:
+    """Return a mask of free degrees of freedom, and the prescribed values, of several bodies."""
+    parts = [
+        free_dofs_and_prescribed_values(body.space, body_conditions)
+        for body, body_conditions in zip(
+            space.bodies, sort_conditions_by_body(space, conditions), strict=True
+        )
+    ]
+    offset = PETSc.Vec().createMPI(count_local_and_global_dofs(space), comm=space.mesh.comm)
+    offset.setArray(np.concatenate([values.array_r for _, values in parts]))
+    return np.concatenate([free for free, _ in parts]), offset
+
+
+def sort_conditions_by_body(
+    space: JoinedSpace, conditions: fem.DirichletBC | Sequence[fem.DirichletBC]
+) -> list[list[fem.DirichletBC]]:
+    """Return the Dirichlet conditions on each of several bodies.
+
+    Raises:
+        TypeError: for anything but Dirichlet conditions.
+        ValueError: for a condition on another mesh.
+    """
+    condition_list = [conditions] if isinstance(conditions, fem.DirichletBC) else conditions
+    meshes = [body.space.mesh._cpp_object for body in space.bodies]
+    sorted_conditions: list[list[fem.DirichletBC]] = [[] for _ in meshes]
+    with raise_errors_on_all_processes(space.mesh.comm):
+        arguments.check_type(
+            "the list of conditions", condition_list, Sequence, "`prescribe` makes its items"
+        )
+        for condition in condition_list:
+            arguments.check_type("a condition", condition, fem.DirichletBC, "`prescribe` makes one")
+            bodies = [k for k, mesh in enumerate(meshes) if condition.function_space.mesh is mesh]
+            if not bodies:
+                raise ValueError(
+                    "a Dirichlet condition was made on a mesh of none of the bodies: make it on "
+                    "the trial space of a body"
+                )
+            sorted_conditions[bodies[0]].append(condition)
+    return sorted_conditions
 
 
 def _check_condition(condition: fem.DirichletBC, space: fem.FunctionSpace) -> None:
@@ -205,7 +253,7 @@ class Reduction:
     right: PETSc.Mat
     offset: PETSc.Vec
     inner_flexibility: PETSc.Mat | None = None
-    space: fem.FunctionSpace | None = None
+    space: fem.FunctionSpace | JoinedSpace | None = None
     supports: Supports | None = None
 
     @check_same_arguments_on_all_processes

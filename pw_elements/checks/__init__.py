@@ -23,5 +23,5 @@ from pw_elements.checks.meshes import (
     check_cell_shapes_and_facets,
     check_mesh,
     format_points,
-    label_connected_components,
+    label_components_of_space,
 )

@@ -24,6 +24,7 @@ from ufl.form import BaseForm
 
 from pw_elements.arrays import Array, Mask
 from pw_elements.checks.guard import find_largest_communicator, raise_errors_on_all_processes
+from pw_elements.checks.joined import JoinedSpace
 
 LocalAndGlobalSize = tuple[int, int]  # local and global size of a distributed vector
 
@@ -194,6 +195,10 @@ def check_function_space(value: Any, name: str = "the space") -> None:  # noqa: 
 
     Sub-spaces of a mixed space, such as `space.sub(0)`, are not accepted.
     """
+    if isinstance(value, JoinedSpace):
+        for body in value.bodies:
+            check_function_space(body.space, name)
+        return
     check_type(name, value, fem.FunctionSpace, "it has to be a fem.FunctionSpace, one of `Spaces`")
     check_double_precision_mesh(value.mesh)
     if getattr(value, "component", list)():  # missing in some versions of DOLFINx
@@ -360,7 +365,7 @@ def check_equal_vector_sizes(
         other_name: name of the second object.
         other_sizes: function space, or local and global size of the second object.
     """
-    if isinstance(other_sizes, fem.FunctionSpace):
+    if isinstance(other_sizes, fem.FunctionSpace | JoinedSpace):
         other_sizes = count_local_and_global_dofs(other_sizes)
     if sizes[1] != other_sizes[1]:
         raise ValueError(

@@ -38,6 +38,7 @@ from ufl.core.multiindex import FixedIndex, MultiIndex
 from ufl.corealg.traversal import unique_pre_traversal
 
 from pw_elements.arrays import Array
+from pw_elements.checks.joined import JoinedSpace
 
 UserFunctionParameters = ParamSpec("UserFunctionParameters")
 UserFunctionResult = TypeVar("UserFunctionResult")
@@ -418,6 +419,8 @@ def _split_object_into_digest_parts(value: Any) -> Iterator[object]:  # noqa: AN
         yield value.value
     elif isinstance(value, fem.Function):
         yield value.function_space
+    elif isinstance(value, JoinedSpace):
+        yield from (body.space for body in value.bodies)
     elif isinstance(value, fem.FunctionSpace):
         yield from (value.mesh, repr(value.ufl_element()), value.dofmap.index_map.size_global)
     elif isinstance(value, Mesh):

@@ -23,13 +23,14 @@ import basix
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
-from dolfinx import geometry, la
+from dolfinx import fem, geometry, la
 from dolfinx.common import IndexMap
 from dolfinx.mesh import Mesh
 from scipy.spatial import cKDTree
 
 from pw_elements._compat import cell_geometry_nodes
 from pw_elements.arrays import Array, Indices, Mask
+from pw_elements.checks.joined import JoinedSpace, list_bodies
 from pw_elements.progress import log_on_root
 
 # Largest coordinate for which volumes do not overflow
@@ -470,6 +471,25 @@ def label_connected_components(
         int(max(component.max(), owner_number.max())) + 1, component, owner_number
     )
     return global_component[local_component], int(global_component.max()) + 1
+
+
+def label_components_of_space(space: fem.FunctionSpace | JoinedSpace) -> tuple[Indices, int]:
+    """Find the connected components of the cells of a space; collective.
+
+    Returns:
+        Component number of each local node (including ghosts), and the number of components.
+    """
+    numbers, count = [], 0
+    bodies = list_bodies(space)
+    for body in bodies:
+        dofmap = body.space.dofmap
+        component, n_components = label_connected_components(
+            space.mesh.comm, dofmap.index_map, dofmap.list
+        )
+        numbers.append(component + count)
+        count += n_components
+    joined = space.join_nodal_values(numbers) if isinstance(space, JoinedSpace) else numbers[0]
+    return joined, count
 
 
 def _label_graph_components(n_nodes: int, edge_starts: Indices, edge_ends: Indices) -> Indices:

@@ -10,6 +10,7 @@ from pw_elements.elasticity.forces import (
     BoundaryForces,
     NodalFlux,
     SurfaceNodes,
+    exterior_facets_of_bodies_with_all_nodes,
     exterior_facets_with_all_nodes,
     facet_nodes,
     force_transfer,

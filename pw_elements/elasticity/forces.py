@@ -33,6 +33,7 @@ from pw_elements.checks import (
     check_same_arguments_on_all_processes,
     raise_errors_on_all_processes,
 )
+from pw_elements.checks.joined import JoinedSpace, evaluate_at_owned_nodes, list_bodies
 from pw_elements.elasticity.body import Body
 from pw_elements.elasticity.boundary import boundary_measure
 from pw_elements.elasticity.material import ScalarCoefficient
@@ -439,8 +440,10 @@ def facet_nodes(space: fem.FunctionSpace, facets: LocalIndices) -> LocalIndices:
     return np.asarray(space.dofmap.list[cells[:, None], cell_dofs])
 
 
-def mark_boundary_nodes(space: fem.FunctionSpace) -> Mask:
+def mark_boundary_nodes(space: fem.FunctionSpace | JoinedSpace) -> Mask:
     """Return a mask (owned nodes,) of the nodes on exterior facets; collective."""
+    if isinstance(space, JoinedSpace):
+        return evaluate_at_owned_nodes(mark_boundary_nodes, space)
     topology, index_map = space.mesh.topology, space.dofmap.index_map
     topology.create_connectivity(topology.dim - 1, topology.dim)
     marks = la.vector(index_map, 1)
@@ -479,13 +482,31 @@ def exterior_facets_with_all_nodes(space: fem.FunctionSpace, global_nodes: Indic
         space: space of the nodes.
         global_nodes: global numbers (m,) of the nodes.
     """
-    index_map, topology = space.dofmap.index_map, space.mesh.topology
+    (facets,) = exterior_facets_of_bodies_with_all_nodes(space, global_nodes)
+    return facets
+
+
+def exterior_facets_of_bodies_with_all_nodes(
+    space: fem.FunctionSpace | JoinedSpace, global_nodes: Indices
+) -> list[LocalIndices]:
+    """Return, for each body of a space, its exterior facets with all nodes in a given set.
+
+    Args:
+        space: space of the nodes.
+        global_nodes: global numbers (m,) of the nodes.
+    """
+    index_map = space.dofmap.index_map
     local = index_map.global_to_local(global_nodes)
     is_selected = np.zeros(index_map.size_local + index_map.num_ghosts, dtype=bool)
     is_selected[local[local >= 0]] = True
-    topology.create_connectivity(topology.dim - 1, topology.dim)
-    facets = exterior_facet_indices(topology)
-    return np.asarray(facets[is_selected[facet_nodes(space, facets)].all(axis=1)])
+    facets_of_bodies = []
+    for body in list_bodies(space):
+        topology = body.space.mesh.topology
+        topology.create_connectivity(topology.dim - 1, topology.dim)
+        facets = exterior_facet_indices(topology)
+        nodes = body.nodes[facet_nodes(body.space, facets)]
+        facets_of_bodies.append(np.asarray(facets[is_selected[nodes].all(axis=1)]))
+    return facets_of_bodies
 
 
 def _gather_nodes_and_weight_areas(

@@ -12,7 +12,7 @@ import scipy.sparse as sp
 from dolfinx import fem
 
 from pw_elements.arrays import Array, Indices, LocalIndices, Mask
-from pw_elements.checks import label_connected_components
+from pw_elements.checks import label_components_of_space
 from pw_elements.solvers.matrices import Supports, null_space_basis, qr_triangle
 
 # Smallest force of one component on another that is not due to round-off, relative to the largest
@@ -40,9 +40,7 @@ class ComponentRigidModes:
     @classmethod
     def from_space(cls, space: fem.FunctionSpace) -> "ComponentRigidModes":
         comm, dim, block = space.mesh.comm, space.mesh.geometry.dim, space.dofmap.index_map_bs
-        component, count = label_connected_components(
-            comm, space.dofmap.index_map, space.dofmap.list
-        )
+        component, count = label_components_of_space(space)
         owned = component[: space.dofmap.index_map.size_local]
 
         def sum_by_component(values: Array) -> Array:

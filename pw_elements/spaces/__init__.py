@@ -29,10 +29,12 @@ from pw_elements.spaces.parts import (
     Marker,
     evaluate_marker,
     locate_exterior_facets,
+    locate_exterior_facets_of_bodies,
     locate_nodes,
     piecewise_constants_by_tag,
     require_nodes,
     selected_local_numbers,
+    separate_mesh,
 )
 from pw_elements.spaces.spaces import (
     Spaces,

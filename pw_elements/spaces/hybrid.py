@@ -19,6 +19,7 @@ from dolfinx.mesh import MeshTags
 from pw_elements._compat import matrix_with_single_entry_rows
 from pw_elements.arrays import Array, LocalIndices, Mask
 from pw_elements.checks import count_local_and_global_dofs, raise_errors_on_all_processes
+from pw_elements.checks.joined import JoinedSpace
 
 # Effect of a constant pressure, relative to the norm of the stiffness, that may be due to round-off
 CONSTANT_PRESSURE_ROUND_OFF_OVER_STIFFNESS = 1e-10
@@ -40,8 +41,10 @@ def displacement_pressure_element(
     return basix.ufl.mixed_element([displacement_element, pressure])
 
 
-def is_hybrid(space: fem.FunctionSpace) -> bool:
+def is_hybrid(space: fem.FunctionSpace | JoinedSpace) -> bool:
     """Return whether each function of a space consists of a displacement and a pressure."""
+    if isinstance(space, JoinedSpace):
+        return False  # several hybrid bodies are refused
     element = space.ufl_element()
     if not isinstance(element, basix.ufl._MixedElement) or element.num_sub_elements != 2:
         return False

@@ -17,13 +17,25 @@ from pw_elements.checks import (
     check_same_function,
     raise_errors_on_all_processes,
 )
+from pw_elements.checks.joined import JoinedSpace, list_bodies
 from pw_elements.spaces.hybrid import SubSpace
 
 # Function of points (3, n), one in each column, that returns a mask (n,)
 Marker: TypeAlias = Callable[[Array], Mask]
+
+
 # Selection of facets or nodes: a marker, local numbers of any integer type, or a mask of all local
 # facets or nodes
-EntitySelection: TypeAlias = Marker | npt.NDArray[np.integer] | Mask
+OneMeshSelection: TypeAlias = Marker | npt.NDArray[np.integer] | Mask
+# The same, or a mesh and the selection on it, for one of several bodies that have a mesh each
+EntitySelection: TypeAlias = OneMeshSelection | tuple[Mesh, OneMeshSelection]
+
+
+def separate_mesh(where: EntitySelection) -> tuple[Mesh | None, OneMeshSelection]:
+    """Return the mesh of a selection, or None if it names no mesh; and the selection on it."""
+    if isinstance(where, tuple) and len(where) == 2 and isinstance(where[0], Mesh):
+        return where
+    return None, cast(OneMeshSelection, where)
 
 
 def evaluate_marker(comm: MPI.Comm, name: str, marker: Marker, x: Array) -> Mask:
@@ -116,13 +128,63 @@ def locate_nodes(space: fem.FunctionSpace, name: str, where: EntitySelection) ->
         space: space of the nodes. If it is hybrid, the nodes of the displacements are returned; in
             this case local numbers in `where` refer to unknowns, and a mask to unknowns or nodes.
         name: name of the nodes, used in error messages.
-        where: marker, local numbers or mask of the nodes.
+        where: marker, local numbers or mask of the nodes, or a part of one mesh.
     """
+    mesh, selection = separate_mesh(where)
+    if mesh is not None or (
+        isinstance(space, JoinedSpace) and not arguments.is_user_function(where)
+    ):
+        body = list_bodies(space)[_find_body_of_part(space, name, mesh)]
+        return body.nodes[locate_nodes(body.space, name, selection)]
     recorder = _MarkerRecorder(space.mesh.comm, f"the marker of {name}", where)
     with raise_errors_on_all_processes(space.mesh.comm):
         nodes = _locate_nodes_without_communication(space, name, where, recorder)
     recorder.check_same_on_all_processes()
     return nodes
+
+
+def _find_body_of_part(space: fem.FunctionSpace | JoinedSpace, name: str, mesh: Mesh | None) -> int:
+    """Return the index of the body of a space that has a mesh; collective.
+
+    Args:
+        space: space of one or several bodies.
+        name: name of the selected nodes or facets, used in error messages.
+        mesh: mesh that the selection names, or None if it names none.
+
+    Raises:
+        ValueError: if the mesh is missing, or is that of none of the bodies.
+    """
+    meshes = [body.space.mesh for body in list_bodies(space)]
+    with raise_errors_on_all_processes(space.mesh.comm) as same:
+        if mesh is None:
+            raise ValueError(
+                f"{name} is given by numbers or a mask, which belong to one of {len(meshes)} "
+                "meshes: give the mesh before them, (mesh, numbers)"
+            )
+        indices = [k for k, body_mesh in enumerate(meshes) if body_mesh is mesh]
+        if not indices:
+            raise ValueError(f"{name} is a part of a mesh that none of the bodies has")
+        same["the mesh of a part"] = indices
+    return indices[0]
+
+
+def locate_exterior_facets_of_bodies(
+    space: fem.FunctionSpace | JoinedSpace, name: str, where: EntitySelection
+) -> list[LocalIndices]:
+    """Return, for each body of a space, its exterior facets in a part of the boundary; collective.
+
+    Args:
+        space: space of one or several bodies.
+        name: name of the facets, used in error messages.
+        where: marker, local numbers or mask of the facets, or a part of one mesh.
+    """
+    bodies, (mesh, selection) = list_bodies(space), separate_mesh(where)
+    if mesh is None and (len(bodies) == 1 or arguments.is_user_function(where)):
+        return [locate_exterior_facets(body.space.mesh, selection) for body in bodies]
+    index = _find_body_of_part(space, name, mesh)
+    facets: list[LocalIndices] = [np.empty(0, dtype=np.int32) for _ in bodies]
+    facets[index] = locate_exterior_facets(bodies[index].space.mesh, selection)
+    return facets
 
 
 def _locate_nodes_without_communication(

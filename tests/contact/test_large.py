@@ -226,7 +226,7 @@ def test_no_accepted_state_has_inverted_cells(stress):
     This holds for any stress, even for one that stays finite in inverted cells.
     """
     rubber = RubberUnderCircle(2, stress=stress)
-    guard, states = CellInversionCheck(rubber.u, rubber.residual), [rubber.problem.undeformed]
+    guard, states = CellInversionCheck([(rubber.u, rubber.residual)]), [rubber.problem.undeformed]
 
     def press_and_check_volume_ratios():
         for k in range(1, 8):

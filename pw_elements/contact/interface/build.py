@@ -22,6 +22,7 @@ from pw_elements.checks import (
     format_points,
     raise_errors_on_all_processes,
 )
+from pw_elements.checks.joined import list_bodies
 from pw_elements.contact.interface.mortars import SlidingMortar
 from pw_elements.contact.interface.operators import ContactInterface
 from pw_elements.contact.interface.pair_points import (
@@ -48,7 +49,7 @@ from pw_elements.contact.model import (
 )
 from pw_elements.elasticity import (
     StressState,
-    exterior_facets_with_all_nodes,
+    exterior_facets_of_bodies_with_all_nodes,
     facet_nodes,
     mark_boundary_nodes,
 )
@@ -239,7 +240,13 @@ def _warn_of_nodes_without_facet(pair_name: str, nodes: LocalIndices, body: Body
     """
     comm, index_map = body.space.mesh.comm, body.space.dofmap.index_map
     pair_nodes = np.concatenate(comm.allgather(index_map.local_to_global(nodes)))
-    on_facets = facet_nodes(body.space, exterior_facets_with_all_nodes(body.space, pair_nodes))
+    facets_of_bodies = exterior_facets_of_bodies_with_all_nodes(body.space, pair_nodes)
+    on_facets = np.concatenate(
+        [
+            part.nodes[facet_nodes(part.space, facets)].ravel()
+            for part, facets in zip(list_bodies(body.space), facets_of_bodies, strict=True)
+        ]
+    )
     on_facets = np.concatenate(comm.allgather(index_map.local_to_global(np.unique(on_facets))))
     isolated = body.x[nodes[~np.isin(index_map.local_to_global(nodes), on_facets)]]
     positions = np.concatenate(comm.allgather(isolated))

@@ -21,6 +21,7 @@ from pw_elements._compat import cell_geometry_nodes
 from pw_elements.algebra import Reduction
 from pw_elements.arrays import Array, Indices, LocalIndices, Mask
 from pw_elements.checks import format_points
+from pw_elements.checks.joined import JoinedSpace
 from pw_elements.contact.interface.mortars import (
     BoundaryFacets,
     OverlapQuadrature,
@@ -28,7 +29,7 @@ from pw_elements.contact.interface.mortars import (
     SlidingMortar,
     SpaceSlidingMortar,
     compute_tributary_areas,
-    gather_boundary_facets,
+    gather_boundary_facets_of_bodies,
     integrate_outward_normals,
 )
 from pw_elements.contact.model import (
@@ -39,7 +40,7 @@ from pw_elements.contact.model import (
 )
 from pw_elements.elasticity import (
     StressState,
-    exterior_facets_with_all_nodes,
+    exterior_facets_of_bodies_with_all_nodes,
     order_by_position,
 )
 from pw_elements.progress import log_on_root
@@ -49,7 +50,7 @@ from pw_elements.spaces import (
     SubSpace,
     gather_nodal_values,
     is_hybrid,
-    locate_exterior_facets,
+    locate_exterior_facets_of_bodies,
     locate_nodes,
     read_record,
 )
@@ -85,6 +86,7 @@ _MESH_GAP_WARNING_MESSAGE = (
 # Largest ratio of the mean edge of the slave to the mean edge of the master where they face each
 # other. Above it a warning is logged
 _MAX_SLAVE_TO_MASTER_EDGE_RATIO = 3.0
+_NO_FACET_MESSAGE = "belong to no facet that is all in their pair"
 _NO_OVERLAP_MESSAGE = (
     "contact pair %d: no part of its facets faces the opposite part: one of both is on the far "
     "side of its body, or they do not overlap"
@@ -224,8 +226,12 @@ class BodyNodes:
             raise ValueError(f"contact nodes at {format_points(positions)} {reason}")
 
 
-def average_midpoints_of_adjacent_cells(space: fem.FunctionSpace) -> Array:
+def average_midpoints_of_adjacent_cells(space: fem.FunctionSpace | JoinedSpace) -> Array:
     """Return the mean midpoint (nodes, dim) of the cells around each node, ghosts included."""
+    if isinstance(space, JoinedSpace):
+        return space.join_nodal_values(
+            [average_midpoints_of_adjacent_cells(body.space) for body in space.bodies]
+        )
     mesh = space.mesh
     dim, n_owned = mesh.geometry.dim, mesh.topology.index_map(mesh.topology.dim).size_local
     sums = la.vector(space.dofmap.index_map, dim + 1)
@@ -393,14 +399,24 @@ def _slave_node_numbers_and_facets_of_both_sides(
     pair_nodes = np.concatenate(space.mesh.comm.allgather(owned))
     if not len(pair_nodes):
         raise ValueError(f"{name} has no nodes: its marker holds nowhere")
-    slave_trace = gather_boundary_facets(space, exterior_facets_with_all_nodes(space, pair_nodes))
-    master_trace = gather_boundary_facets(space, locate_exterior_facets(space.mesh, master.where))
-    if not len(master_trace.facet_nodes):
-        raise ValueError(f"{name} has no opposite facets: their marker holds nowhere")
-    without_facet = nodes[~np.isin(owned, slave_trace.facet_nodes)]
-    body.raise_error_for_invalid_nodes(
-        without_facet, "belong to no facet that is all in their pair"
+    slave_sides, master_sides = (
+        gather_boundary_facets_of_bodies(space, facets_of_bodies)
+        for facets_of_bodies in (
+            exterior_facets_of_bodies_with_all_nodes(space, pair_nodes),
+            locate_exterior_facets_of_bodies(space, f"the surface of {name}", master.where),
+        )
     )
+    if not master_sides:
+        raise ValueError(f"{name} has no opposite facets: their marker holds nowhere")
+    if not slave_sides:
+        body.raise_error_for_invalid_nodes(nodes, _NO_FACET_MESSAGE)
+    if len(slave_sides) > 1 or len(master_sides) > 1:
+        raise ValueError(
+            f"{name} has a side on several meshes: give its mesh, as in (mesh, marker)"
+        )
+    (slave_trace,), (master_trace,) = slave_sides, master_sides
+    without_facet = nodes[~np.isin(owned, slave_trace.facet_nodes)]
+    body.raise_error_for_invalid_nodes(without_facet, _NO_FACET_MESSAGE)
     on_master = nodes[np.isin(owned, master_trace.facet_nodes)]
     body.raise_error_for_invalid_nodes(on_master, "belong to both sides of their pair")
     if len(edge_positions := slave_trace.find_sharp_edge_node_positions()):

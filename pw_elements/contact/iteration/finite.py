@@ -14,6 +14,8 @@ The module guarantees that no iterate has an inverted cell. It assumes a residua
 assembled with the same sparsity pattern at each iterate.
 """
 
+from collections.abc import Sequence
+
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -25,7 +27,12 @@ from dolfinx import fem
 from ufl.algorithms import extract_elements
 
 from pw_elements._compat import cell_geometry_nodes
-from pw_elements.algebra import Reduction, ResidualSystem, reduce_load_and_update_offset
+from pw_elements.algebra import (
+    JoinedResidualSystem,
+    Reduction,
+    ResidualSystem,
+    reduce_load_and_update_offset,
+)
 from pw_elements.arrays import Array
 from pw_elements.contact.interface import RELATIVE_COORDINATE_ROUND_OFF
 from pw_elements.contact.iteration.increment import LinearEquilibrium
@@ -45,48 +52,68 @@ _MAX_NEWTON_STEP_HALVINGS = 10
 
 
 class CellInversionCheck:
-    """Check that det(I + grad u) > 0 at all quadrature points of a form's cell integrals.
+    """Check that det(I + grad u) > 0 at all quadrature points of the bodies' cell integrals.
 
     Args:
-        u: displacements, or displacements and pressure in a hybrid space.
-        form: form whose cell integrals define the quadrature points.
+        bodies: for each body, its displacements, or displacements and pressure in a hybrid space;
+            and a form whose cell integrals define the quadrature points.
 
     Attributes:
-        extent: largest magnitude of a coordinate of the mesh.
+        extent: largest magnitude of a coordinate of the meshes.
     """
 
-    def __init__(self, u: fem.Function, form: ufl.Form) -> None:
-        self._mesh = u.function_space.mesh
-        displacement = ufl.split(u)[0] if is_hybrid(u.function_space) else u
-        F = ufl.Identity(self._mesh.geometry.dim) + ufl.grad(displacement)
-        rules = [
-            _reference_quadrature_points(i) for i in form.integrals() if i.integral_type() == "cell"
-        ]
-        self._points = np.unique(np.concatenate(rules), axis=0)
-        self._determinant = fem.Expression(ufl.det(F), self._points)
-        n_owned = self._mesh.topology.index_map(self._mesh.topology.dim).size_local
-        self._cells = np.arange(n_owned, dtype=np.int32)
-        max_coordinate = np.abs(self._mesh.geometry.x).max(initial=0.0)
-        self.extent: float = self._mesh.comm.allreduce(max_coordinate, MPI.MAX)
+    def __init__(self, bodies: Sequence[tuple[fem.Function, ufl.Form]]) -> None:
+        self._bodies = [_VolumeRatios(u, form) for u, form in bodies]
+        self._comm: MPI.Comm = self._bodies[0].mesh.comm
+        max_coordinate = max(np.abs(b.mesh.geometry.x).max(initial=0.0) for b in self._bodies)
+        self.extent: float = self._comm.allreduce(max_coordinate, MPI.MAX)
 
     def compute_min_volume_ratio(self) -> float:
         """Return the smallest determinant det(I + grad u) over all processes; collective.
 
         The result is minus infinity if any determinant is NaN.
         """
-        values = np.nan_to_num(self._evaluate_volume_ratios(), nan=-np.inf)
-        return float(self._mesh.comm.allreduce(values.min(initial=np.inf), MPI.MIN))
+        smallest = min(
+            np.nan_to_num(body.evaluate(), nan=-np.inf).min(initial=np.inf) for body in self._bodies
+        )
+        return float(self._comm.allreduce(smallest, MPI.MIN))
 
     def find_midpoints_of_inverted_cells(self) -> Array:
         """Return the undeformed midpoints (k, dim) of all inverted cells; collective."""
-        inverted = self._cells[~(self._evaluate_volume_ratios() > 0).all(axis=1)]
-        mesh = self._mesh
-        midpoints = mesh.geometry.x[cell_geometry_nodes(mesh)[inverted]].mean(axis=1)
-        return np.concatenate(mesh.comm.allgather(midpoints[:, : mesh.geometry.dim]))
+        midpoints = np.concatenate([body.midpoints_of_inverted_cells() for body in self._bodies])
+        return np.concatenate(self._comm.allgather(midpoints))
 
-    def _evaluate_volume_ratios(self) -> Array:
-        values = self._determinant.eval(self._mesh, self._cells)
+
+class _VolumeRatios:
+    """Determinants det(I + grad u) of one body at the quadrature points of a form.
+
+    Args:
+        u: displacements, or displacements and pressure in a hybrid space.
+        form: form whose cell integrals define the quadrature points.
+    """
+
+    def __init__(self, u: fem.Function, form: ufl.Form) -> None:
+        self.mesh = u.function_space.mesh
+        displacement = ufl.split(u)[0] if is_hybrid(u.function_space) else u
+        F = ufl.Identity(self.mesh.geometry.dim) + ufl.grad(displacement)
+        rules = [
+            _reference_quadrature_points(i) for i in form.integrals() if i.integral_type() == "cell"
+        ]
+        self._points = np.unique(np.concatenate(rules), axis=0)
+        self._determinant = fem.Expression(ufl.det(F), self._points)
+        n_owned = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
+        self._cells = np.arange(n_owned, dtype=np.int32)
+
+    def evaluate(self) -> Array:
+        """Return the determinants (owned cells, points)."""
+        values = self._determinant.eval(self.mesh, self._cells)
         return np.asarray(values).reshape(len(self._cells), len(self._points))
+
+    def midpoints_of_inverted_cells(self) -> Array:
+        """Return the undeformed midpoints (k, dim) of the inverted cells of this process."""
+        inverted = self._cells[~(self.evaluate() > 0).all(axis=1)]
+        corners = self.mesh.geometry.x[cell_geometry_nodes(self.mesh)[inverted]]
+        return np.asarray(corners.mean(axis=1)[:, : self.mesh.geometry.dim])
 
 
 def _reference_quadrature_points(integral: ufl.Integral) -> Array:
@@ -129,7 +156,7 @@ class LargeStrainEquilibrium:
 
     def __init__(
         self,
-        body: ResidualSystem,
+        body: ResidualSystem | JoinedResidualSystem,
         system: ContactSystem,
         reduction: Reduction,
         guard: CellInversionCheck,
@@ -338,7 +365,7 @@ class SlidingBodiesEquilibrium(LargeStrainEquilibrium):
 
     def __init__(
         self,
-        body: ResidualSystem,
+        body: ResidualSystem | JoinedResidualSystem,
         system: ContactSystem,
         reduction: Reduction,
         guard: CellInversionCheck,

@@ -13,7 +13,7 @@ from pw_elements.checks import arguments, defer_errors_if_parallel
 from pw_elements.contact.model.friction import Coulomb, Friction
 from pw_elements.contact.model.laws import InterfaceLaw
 from pw_elements.contact.model.surfaces import Surface, unit_vector
-from pw_elements.spaces import EntitySelection
+from pw_elements.spaces import EntitySelection, separate_mesh
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,8 @@ class DeformableSurface:
     Args:
         where: facets of the master, given by a marker of positions as columns (3, n) that holds at
             every vertex of a facet, by local numbers of facets, as returned by `MeshTags.find`, or
-            by a mask of all facets.
+            by a mask of all facets. If bodies have a mesh each, give the body's mesh and one of
+            these.
         revolved: whether areas are those of the whole circumference, as in axisymmetry. The value
             is required in two dimensions only, and not if the stiffness has been assembled by a
             `Body`, which records it.
@@ -185,7 +186,8 @@ class ContactPair:
         nodes: nodes of the pair, given by a marker of positions as columns (3, n), by local numbers
             of nodes in the space, as returned by `fem.locate_dofs_topological` for tagged facets,
             or by a mask of all local nodes. Ghosts are skipped, so that every process may pass all
-            its nodes.
+            its nodes. If bodies have a mesh each, give the body's mesh and one of these, for
+            example `(punch, nodes)`.
         surface: the rigid surface at its initial position, or the other part of the mesh as a
             `DeformableSurface` or `MatchingNodes`.
         friction: Coulomb's coefficient mu, or a function that takes positions as columns (3, n) and
@@ -361,6 +363,7 @@ def _check_part_selects_nodes_or_facets(
 
     `example_call` is an example of a correct call, which the message shows.
     """
+    _, part = separate_mesh(part)  # type: ignore[arg-type]
     if isinstance(part, MatchingNodes | DeformableSurface) or _is_surface(part):
         raise TypeError(
             f"a surface is given in place of {expected_kind}: {example_call} has them first"

@@ -26,12 +26,12 @@ from petsc4py import PETSc
 import dolfinx
 import numpy as np
 import numpy.typing as npt
-import ufl
 from dolfinx import fem
 
-from pw_elements.algebra import ResidualSystem
+from pw_elements.algebra import JoinedResidualSystem, PetrovGalerkinProblem, ResidualSystem
 from pw_elements.arrays import Array, Indices
 from pw_elements.checks import arguments, max_relative_difference
+from pw_elements.checks.joined import list_bodies
 from pw_elements.contact.interface import (
     ContactInterface,
     sample_friction_coefficients,
@@ -91,20 +91,24 @@ class ResidualCoefficients:
         self.changed_functions = np.zeros(len(self.functions), dtype=bool)
 
     @classmethod
-    def from_form(
-        cls, form: ufl.Form, u: fem.Function, history: Sequence[fem.Function]
+    def from_problems(
+        cls, problems: Sequence[PetrovGalerkinProblem], history: Sequence[fem.Function]
     ) -> "ResidualCoefficients":
-        """Return the constants and functions of a form, without its unknown u.
+        """Return the constants and functions of residuals, without their unknowns.
 
         Args:
-            form: the residual.
-            u: unknown function.
+            problems: residual and unknown function of each body.
             history: functions whose values are stored with each state.
         """
-        functions = [f for f in form.coefficients() if isinstance(f, fem.Function) and f is not u]
+        functions = [
+            f
+            for problem in problems
+            for f in problem.form.coefficients()
+            if isinstance(f, fem.Function) and f is not problem.u
+        ]
         history_functions = [f for f in functions if any(f is h for h in history)]
         return cls(
-            list(form.constants()),
+            [constant for problem in problems for constant in problem.form.constants()],
             [f for f in functions if f not in history_functions],
             history_functions,
         )
@@ -302,15 +306,18 @@ def fingerprint_mesh_supports_and_pairs(
             for a prescribed unknown, and -2 for an unknown that is determined by other unknowns.
         space: space of the unknowns.
     """
-    probes, topology = _SmoothProbes(space), space.mesh.topology
-    elements = [(field.space.element.basix_element, field.space.dofmap) for field in probes.fields]
+    probes = _SmoothProbes(space)
+    spaces = [body.space for field in probes.fields for body in list_bodies(field.space)]
+    elements = [(V.element.basix_element, V.dofmap) for V in spaces]
     element_kinds = [(e.degree, int(e.family), dofmap.index_map_bs) for e, dofmap in elements]
+    topologies = [body.space.mesh.topology for body in list_bodies(space)]
+    n_cells = sum(topology.index_map(topology.dim).size_global for topology in topologies)
     supports = [
         probes.sum_products_with_probes((column_of_unknown == status).astype(float))
         for status in (-1, -2)
     ]
     numbers: FingerprintValues = {
-        "mesh": np.array([topology.index_map(topology.dim).size_global, topology.dim], dtype=float),
+        "mesh": np.array([n_cells, topologies[0].dim], dtype=float),
         "element": np.array(element_kinds, dtype=float),
         "supports": np.ravel(supports),
     }
@@ -368,7 +375,9 @@ class ResidualFingerprint:
         coefficients: constants and functions of the residual.
     """
 
-    def __init__(self, system: ResidualSystem, coefficients: ResidualCoefficients) -> None:
+    def __init__(
+        self, system: ResidualSystem | JoinedResidualSystem, coefficients: ResidualCoefficients
+    ) -> None:
         self._system, self._coefficients = system, coefficients
         self._space: fem.FunctionSpace = system.u.function_space
 

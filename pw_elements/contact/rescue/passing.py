@@ -20,6 +20,7 @@ from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import format_points, raise_errors_on_all_processes
+from pw_elements.checks.joined import list_bodies
 from pw_elements.contact.interface import ContactInterface, MortarSlipReference
 from pw_elements.contact.model import SolutionNotFound, SurfacePassed
 from pw_elements.contact.nodes import RigidSurfaceMotion
@@ -175,7 +176,13 @@ def _find_supports_with_body_in_front(
         ends[0][:, None]
         + _FRACTIONS_BETWEEN_SUPPORT_AND_NODE[:, None] * (ends[1] - ends[0])[:, None]
     )
-    is_inside = _are_points_inside_mesh(interface.field.space.mesh, between.reshape(-1, x.shape[1]))
+    is_inside = np.any(
+        [
+            _are_points_inside_mesh(body.space.mesh, between.reshape(-1, x.shape[1]))
+            for body in list_bodies(interface.field.space)
+        ],
+        axis=0,
+    )
     all_inside = is_inside.reshape(len(ends[0]), len(_FRACTIONS_BETWEEN_SUPPORT_AND_NODE)).all(
         axis=1
     )

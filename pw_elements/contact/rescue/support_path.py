@@ -17,7 +17,7 @@ from dolfinx import fem
 
 from pw_elements.algebra import free_dofs_and_prescribed_values
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.checks import label_connected_components
+from pw_elements.checks import label_components_of_space
 from pw_elements.contact.interface import ContactInterface
 from pw_elements.contact.model import ContactState
 from pw_elements.contact.nodes import OPEN, RigidSurfaceMotion
@@ -79,8 +79,7 @@ class BodySupports:
     @cached_property
     def connected_piece_of_node(self) -> Indices:
         """Number (owned nodes,) of the connected component of the mesh that contains each node."""
-        dofmap = self._interface.field.space.dofmap
-        number, _ = label_connected_components(self._interface.comm, dofmap.index_map, dofmap.list)
+        number, _ = label_components_of_space(self._interface.field.space)
         return number[: len(self.node_positions)]
 
     def supported_axes(self) -> Mask:

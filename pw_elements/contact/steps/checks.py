@@ -17,9 +17,16 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from pw_elements.algebra import Reduction, check_load, check_problem, is_finite
+from pw_elements.algebra import (
+    PetrovGalerkinProblem,
+    Reduction,
+    check_load,
+    check_problem,
+    is_finite,
+)
 from pw_elements.arrays import Array, RealVector
-from pw_elements.checks import arguments, raise_errors_on_all_processes
+from pw_elements.checks import arguments, check_mesh, raise_errors_on_all_processes
+from pw_elements.checks.joined import JoinedSpace
 from pw_elements.contact.interface import check_piecewise_linear_weight_functions
 from pw_elements.contact.model import (
     ClosestPointSurface,
@@ -45,7 +52,7 @@ from pw_elements.contact.steps.stepping import (
 )
 from pw_elements.elasticity import is_axisymmetric_stiffness
 from pw_elements.progress import log_on_root
-from pw_elements.solvers import SolverOrAuto
+from pw_elements.solvers import Direct, SolverOrAuto
 from pw_elements.spaces import is_hybrid
 
 # Names of remedies, or a mapping from the name of each remedy to its largest cost, relative to the
@@ -194,6 +201,67 @@ def check_large_strain_surfaces(
             )
         if fault:
             raise ValueError(f"contact pair {k}: {fault}")
+
+
+def check_bodies_of_residuals(
+    problems: Sequence[PetrovGalerkinProblem], pairs: Sequence[ContactPair]
+) -> None:
+    """Check the meshes and weight functions of bodies with residuals; collective.
+
+    Args:
+        problems: residual and unknown function of each body that has a mesh of its own.
+        pairs: contact pairs.
+
+    Raises:
+        ValueError: for weight functions that are not piecewise linear if bodies touch each other,
+            or for interface laws on several meshes.
+        DegenerateMesh: for cells that are flat or inverted.
+    """
+    for problem in problems:
+        if any(isinstance(pair.surface, DeformableSurface) for pair in pairs):
+            check_piecewise_linear_weight_functions(
+                problem.system.tangent, problem.u.function_space
+            )
+        check_mesh(problem.u.function_space.mesh)
+    if len(problems) > 1 and any(pair.interface_law is not None for pair in pairs):
+        raise ValueError(
+            "interface laws are supported for bodies in one mesh: leave the interface law out"
+        )
+
+
+def check_solver_of_bodies(solver: SolverOrAuto, n_meshes: int) -> None:
+    """Raise ValueError if bodies with a mesh each have a solver other than `Direct()`."""
+    if n_meshes > 1 and not (solver is None or isinstance(solver, Direct)):
+        raise ValueError("bodies with a mesh each are solved by Direct() only: give no solver")
+
+
+def check_derivatives_are_known(
+    history_spaces: Sequence[fem.FunctionSpace],
+    space: fem.FunctionSpace | JoinedSpace,
+    pairs: Sequence[ContactPair],
+) -> None:
+    """Raise ValueError if derivatives of the states of a problem are unknown.
+
+    Args:
+        history_spaces: spaces of the history variables.
+        space: space of the unknowns.
+        pairs: contact pairs.
+    """
+    if history_spaces:
+        raise ValueError(
+            "the residual has a history, and the derivatives of `update` are unknown: "
+            "sensitivities need a problem without `history`"
+        )
+    if any(pair.interface_law is not None for pair in pairs):
+        raise ValueError(
+            "there are no derivatives of states with interface laws: sensitivities need pairs "
+            "without one"
+        )
+    if isinstance(space, JoinedSpace):
+        raise ValueError(
+            "there are no derivatives of states of bodies with a mesh each: sensitivities need "
+            "bodies in one mesh"
+        )
 
 
 def check_state_fits_problem(

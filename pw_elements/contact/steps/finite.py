@@ -24,6 +24,7 @@ import numpy as np
 from dolfinx import fem
 
 from pw_elements.algebra import (
+    JoinedProblem,
     PetrovGalerkinProblem,
     Reduction,
     full_size_masking_reduction,
@@ -154,7 +155,7 @@ class LargeStrainStepping:
 
     def __init__(
         self,
-        problem: PetrovGalerkinProblem,
+        problem: PetrovGalerkinProblem | JoinedProblem,
         conditions: fem.DirichletBC | Sequence[fem.DirichletBC],
         reduction: Reduction,
         pairs: Sequence[ContactPair],
@@ -166,8 +167,7 @@ class LargeStrainStepping:
         update: Callable[[], None] | None = None,
     ) -> None:
         self.solver, self._conditions, self._max_iterations = solver, conditions, max_iterations
-        self._residual_system, self._callback = problem.system, callback
-        self.form, self.u, self._constants = problem.form, problem.u, problem.form.constants()
+        self._residual_system, self.bodies, self._callback = problem.system, problem.parts, callback
         reduction = (
             full_size_masking_reduction(reduction) if has_separate_supports(solver) else reduction
         )
@@ -176,13 +176,11 @@ class LargeStrainStepping:
         self.interface = build_interface(
             pairs, self._whole_space, self._reduction, large_sliding=True
         )
-        (test_function,) = self.form.arguments()
-        is_galerkin = test_function.ufl_element() == self._whole_space.ufl_element()
         self.interface.laws = make_interface_laws(
             pairs,
             self.interface,
-            is_galerkin=is_galerkin,
-            is_axisymmetric=is_axisymmetric_residual(self.form, self.u),
+            is_galerkin=all(body.is_galerkin for body in self.bodies),
+            is_axisymmetric=any(is_axisymmetric_residual(b.form, b.u) for b in self.bodies),
         )
         remedy = "give -F, the forces of stresses less those of loads"
         check_stiffness_sign(problem.system.tangent, self.interface, remedy)
@@ -192,14 +190,16 @@ class LargeStrainStepping:
         )
         self._surfaces = RigidSurfaceMotion(self.interface, pairs)
         self._pairs = list(pairs)
-        self._cell_guard = CellInversionCheck(problem.u, problem.form)
+        self._cell_guard = CellInversionCheck([(body.u, body.form) for body in self.bodies])
         self._pairs_with_slip_warning: set[int] = set()
         self.history, self._history_update = list(history), update
-        self.coefficients = ResidualCoefficients.from_form(self.form, self.u, self.history)
+        self.coefficients = ResidualCoefficients.from_problems(self.bodies, self.history)
         self._system: ContactSystem | None = None
-        self._ratio_monitor: TangentBulkShearMonitor | None = None
-        if not (is_galerkin or is_hybrid(self._whole_space)):
-            self._ratio_monitor = TangentBulkShearMonitor(self.form, self.u)
+        self._ratio_monitors = [
+            TangentBulkShearMonitor(body.form, body.u)
+            for body in self.bodies
+            if not (body.is_galerkin or is_hybrid(self._whole_space))
+        ]
 
     def step(
         self, state: ContactState, load: LoadFractionSetter | None, motions: Sequence[Motion | None]
@@ -221,9 +221,9 @@ class LargeStrainStepping:
             system = self._cached_contact_system_for(end.free_motions)
             cost_before = measure_cost([system])
             # for later states, the tangent has been checked at the end of the preceding increment
-            if self._ratio_monitor is not None and not state.increment:
+            if not state.increment:
                 self._set_unknowns_and_history(state)
-                self._ratio_monitor.is_beyond_limit()
+                self._is_nearly_incompressible()
             support_path = self._supports.sample_path_adaptively(state, load)
             self._raise_if_surfaces_pass_supports(state, start, end, support_path)
             start_unknowns = None
@@ -301,7 +301,7 @@ class LargeStrainStepping:
                 fraction, error = failure
                 interval = f"from {reached_fraction:.4g} to {fraction:.4g} of the increment"
                 message = f"{error}; {interval}, which cannot be halved further"
-                if self._ratio_monitor is not None and self._ratio_monitor.is_beyond_limit():
+                if self._is_nearly_incompressible():
                     message += (
                         ". The body is nearly incompressible: "
                         f"{SINGULAR_STIFFNESS_WARNING_AND_REMEDY}"
@@ -515,7 +515,7 @@ class LargeStrainStepping:
         """
         solver_signs = system.tangent.solver.determinant_signs[n_earlier_signs:]
         signs = solver_signs or system.tangent.estimate_determinant_signs()
-        if self._ratio_monitor is not None and self._ratio_monitor.is_beyond_limit():
+        if self._is_nearly_incompressible():
             signs = ()  # in nearly incompressible bodies, stable states may have either sign
         is_comparable = bool(solver_signs) and state.free_motions == system.free_motions
         accepted_signs = state.determinant_signs if is_comparable else frozenset[int]()
@@ -524,6 +524,10 @@ class LargeStrainStepping:
                 "the solution is unstable: the determinant of its tangent has changed its sign"
             )
         return solver_signs
+
+    def _is_nearly_incompressible(self) -> bool:
+        """Return whether the bulk stiffness of a body's tangent is too large; collective."""
+        return max((m.is_beyond_limit() for m in self._ratio_monitors), default=False)
 
     def _recompute_and_verify_residuals(
         self,
@@ -613,7 +617,7 @@ class LargeStrainStepping:
         values = [getattr(condition.g, "value", None) for condition in self._dirichlet_conditions]
         # DOLFINx stores constants as C++ objects, which share the array of values
         is_prescribed = any(v is not None and np.shares_memory(v, constant.value) for v in values)
-        return is_prescribed or any(constant is c for c in self._constants)
+        return is_prescribed or any(constant is c for c in self.coefficients.constants)
 
     @property
     def _dirichlet_conditions(self) -> Sequence[fem.DirichletBC]:
@@ -680,7 +684,7 @@ class LargeStrainStepping:
             if load is not None:
                 with self.coefficients.record_changes_by_load():
                     call_user_function(self.interface.comm, "the load", load, fraction)
-            same["the constants and conditions"] = self._constants, self._conditions
+            same["the constants and conditions"] = self.coefficients.constants, self._conditions
 
     def _update_and_copy_history_values(self) -> tuple[Array, ...]:
         comm = self.interface.comm

@@ -17,7 +17,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from pw_elements.algebra import PetrovGalerkinProblem, Reduction, check_load
+from pw_elements.algebra import Reduction, check_load, make_residual_problem
 from pw_elements.arrays import Array, Indices
 from pw_elements.checks import arguments, check_mesh, check_same_arguments_on_all_processes
 from pw_elements.contact.interface import find_reduced_column_of_each_unknown
@@ -48,12 +48,15 @@ from pw_elements.contact.steps.checks import (
     check_and_list_motions,
     check_and_list_parameters_with_rates,
     check_and_list_successive_states,
+    check_bodies_of_residuals,
     check_constants_are_used,
     check_contact_arguments,
+    check_derivatives_are_known,
     check_function_or_none,
     check_large_strain_surfaces,
     check_loads_fit_problem,
     check_outputs,
+    check_solver_of_bodies,
     check_start_state,
     check_state_fits_problem,
     check_stiffness_of_changed_problem,
@@ -155,8 +158,8 @@ class ContactProblem:
     @check_same_arguments_on_all_processes
     def of_residual(
         cls,
-        residual: ufl.Form,
-        u: fem.Function,
+        residual: ufl.Form | Sequence[ufl.Form],
+        u: fem.Function | Sequence[fem.Function],
         conditions: fem.DirichletBC | Sequence[fem.DirichletBC],
         pairs: ContactPair | Sequence[ContactPair],
         solver: SolverOrAuto = None,
@@ -179,10 +182,15 @@ class ContactProblem:
         surfaces. Nodal contact forces are entries of the residual. An increment that fails is
         halved, and the substeps grow again after successes (see `ContactState.substates`).
 
+        Bodies with a mesh each, for example of tetrahedra and of hexahedra, are given as lists:
+
+            pair = ContactPair((punch, nodes), DeformableSurface((block, facets)))
+            problem = ContactProblem.of_residual([F_punch, F_block], [u_punch, u_block], held, pair)
+
         Args:
-            residual: residual without the contact forces, as in `PetrovGalerkinProblem`.
-            u: unknown function in the trial space, which may be hybrid. Each step changes its
-                values.
+            residual: residual without the contact forces, as in `PetrovGalerkinProblem`, or a list.
+            u: unknown function in the trial space, which may be hybrid, or a list. Each step
+                changes its values.
             conditions: Dirichlet conditions. Constants and functions in them may change.
             pairs: contact pairs. A rigid surface must have a method `gap_normal_and_curvature`
                 (`Plane`, `Sphere` or `SignedDistance`), and it may rotate about a `pivot`. In plane
@@ -411,16 +419,7 @@ class ContactProblem:
                 solver; states that are not the ends of successive steps; and contact nodes that are
                 about to change their status.
         """
-        if self._history_spaces:
-            raise ValueError(
-                "the residual has a history, and the derivatives of `update` are unknown: "
-                "sensitivities need a problem without `history`"
-            )
-        if any(pair.interface_law is not None for pair in self.pairs):
-            raise ValueError(
-                "there are no derivatives of states with interface laws: sensitivities need pairs "
-                "without one"
-            )
+        check_derivatives_are_known(self._history_spaces, self._space, self.pairs)
         states = check_and_list_successive_states(states, self.undeformed)
         n_steps = len(states) - 1
         check_loads_fit_problem(loads, n_steps, self._has_residual)
@@ -586,8 +585,8 @@ class _ResidualProblem(ContactProblem):
 
     def __init__(
         self,
-        residual: ufl.Form,
-        u: fem.Function,
+        residual: ufl.Form | Sequence[ufl.Form],
+        u: fem.Function | Sequence[fem.Function],
         conditions: fem.DirichletBC | Sequence[fem.DirichletBC],
         pairs: ContactPair | Sequence[ContactPair],
         *,
@@ -597,14 +596,15 @@ class _ResidualProblem(ContactProblem):
         history: HistoryVariables,
         update: Callable[[], None] | None,
     ) -> None:
-        problem = PetrovGalerkinProblem(residual, u, conditions)
-        space = u.function_space
+        self._make_residual_problem = partial(make_residual_problem, residual, u, conditions)
+        problem = self._residual_problem = self._make_residual_problem()
+        space = problem.u.function_space
         functions = check_and_list_history_functions(history, update, space.mesh.comm)
         if isinstance(history, Mapping):
             update = make_update_from_expressions(history)
+        check_solver_of_bodies(solver, len(problem.parts))
         reduction = Reduction.dirichlet(space, conditions)
-        self._residual_problem, self._supports = problem, reduction.supports
-        self._make_residual_problem = partial(PetrovGalerkinProblem, residual, u, conditions)
+        self._supports = reduction.supports
         self._requested_solver = Direct() if solver is None else solver
         chosen_solver = choose_solver(
             self._requested_solver,
@@ -616,12 +616,13 @@ class _ResidualProblem(ContactProblem):
         self.pairs = check_contact_arguments(
             K, reduction, pairs, space, max_iterations, solver, callback
         )
-        self._is_axisymmetric = is_axisymmetric_residual(residual, u) or any(
+        self._is_axisymmetric = any(is_axisymmetric_residual(p.form, p.u) for p in problem.parts)
+        self._is_axisymmetric |= any(
             isinstance(pair.surface, DeformableSurface) and bool(pair.surface.revolved)
             for pair in self.pairs
         )
         check_large_strain_surfaces(self.pairs, space, self._is_axisymmetric)
-        check_mesh(space.mesh)
+        check_bodies_of_residuals(problem.parts, self.pairs)
         self._space, self._reduction = space, reduction
         self._history_spaces = [function.function_space for function in functions]
         self._make_large_strain_stepping = partial(

@@ -24,7 +24,7 @@ import ufl
 from dolfinx import fem
 from ufl.algorithms import expand_derivatives
 
-from pw_elements.algebra import Reduction
+from pw_elements.algebra import PetrovGalerkinProblem, Reduction
 from pw_elements.arrays import Array
 from pw_elements.checks import format_points
 from pw_elements.contact.interface import ContactInterface
@@ -362,10 +362,9 @@ class EquationsLinearisedAtEnd:
 
 
 class ParametricResidual(Protocol):
-    """Residual that may depend on parameters, with its unknown and its Dirichlet conditions."""
+    """Residual of a body that may depend on parameters, with its Dirichlet conditions."""
 
-    form: ufl.Form
-    u: fem.Function
+    bodies: list[PetrovGalerkinProblem]
 
     def has_constant_in_residual_or_conditions(self, constant: fem.Constant) -> bool:
         """Return whether the residual or one of its Dirichlet conditions depends on a constant."""
@@ -498,7 +497,7 @@ class OutputDerivatives:
         residual = self.residual
         assert residual is not None  # only residuals have constants
         change, load = (
-            _differentiate_form_by_constant(residual.form, constant, rate),
+            _differentiate_form_by_constant(residual.bodies[0].form, constant, rate),
             self._zero_vector(),
         )
         if not change.empty():
@@ -521,7 +520,7 @@ class OutputDerivatives:
         weights = self._zero_state_derivative()
         if isinstance(output, ufl.Form):
             assert self.residual is not None
-            u = self.residual.u
+            u = self.residual.bodies[0].u
             weight = ufl.TestFunction(u.function_space)
             form = expand_derivatives(ufl.derivative(output, u, weight))
             return weights if form.empty() else replace(weights, unknowns=assemble_vector(form))

@@ -4,6 +4,7 @@ from pw_elements.contact.interface.mortars.boundary_facets import (
     BoundaryFacets,
     compute_facet_nodes_positions_and_facet_normals,
     gather_boundary_facets,
+    gather_boundary_facets_of_bodies,
     integrate_outward_normals,
 )
 from pw_elements.contact.interface.mortars.facing import MortarMatrices, measure_gap_and_slip

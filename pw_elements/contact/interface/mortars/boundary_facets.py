@@ -1,5 +1,6 @@
 """Boundary facets of a body and the sub-facets on which its weight functions are linear."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -9,6 +10,7 @@ from dolfinx import fem, la
 from dolfinx.mesh import exterior_facet_indices
 
 from pw_elements.arrays import Array, Indices, LocalIndices
+from pw_elements.checks.joined import JoinedSpace, evaluate_at_owned_nodes, list_bodies
 from pw_elements.contact.interface.mortars.overlap import (
     compute_cell_lengths_or_areas,
     compute_unoriented_cell_normals,
@@ -172,6 +174,27 @@ def gather_boundary_facets(space: fem.FunctionSpace, facets: LocalIndices) -> Bo
     return BoundaryFacets(*(np.concatenate(part) for part in parts))
 
 
+def gather_boundary_facets_of_bodies(
+    space: fem.FunctionSpace | JoinedSpace, facets_of_bodies: Sequence[LocalIndices]
+) -> list[BoundaryFacets]:
+    """Gather exterior facets of each body that has some, with node numbers of the whole space.
+
+    Collective.
+
+    Args:
+        space: space of displacements.
+        facets_of_bodies: for each body, local numbers of the facets on this process.
+    """
+    sides = []
+    for k, (body, facets) in enumerate(zip(list_bodies(space), facets_of_bodies, strict=True)):
+        side = gather_boundary_facets(body.space, facets)
+        if isinstance(space, JoinedSpace):
+            side = replace(side, facet_nodes=space.number_nodes(k, side.facet_nodes))
+        if len(side.facet_nodes):
+            sides.append(side)
+    return sides
+
+
 def compute_facet_nodes_positions_and_facet_normals(
     space: fem.FunctionSpace, facets: LocalIndices
 ) -> tuple[LocalIndices, Array, Array]:
@@ -193,7 +216,7 @@ def compute_facet_nodes_positions_and_facet_normals(
     return nodes, x[nodes], normal
 
 
-def integrate_outward_normals(space: fem.FunctionSpace) -> Array:
+def integrate_outward_normals(space: fem.FunctionSpace | JoinedSpace) -> Array:
     """Return the outward normals (owned nodes, dim), weighted with shape functions; collective.
 
     The shape functions of the nodes are integrated over the exterior facets as if these were flat.
@@ -202,6 +225,8 @@ def integrate_outward_normals(space: fem.FunctionSpace) -> Array:
     Args:
         space: space of displacements.
     """
+    if isinstance(space, JoinedSpace):
+        return evaluate_at_owned_nodes(integrate_outward_normals, space)
     mesh, index_map = space.mesh, space.dofmap.index_map
     facet_dim = mesh.topology.dim - 1
     mesh.topology.create_connectivity(facet_dim, mesh.topology.dim)
