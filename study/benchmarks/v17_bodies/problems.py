@@ -171,14 +171,52 @@ def solve_sliding_of_two_bodies(
             first increment starts; None if it starts from the undeformed state.
         plane_strain: Whether all displacements of bodies in space along the second axis are zero.
     """
+    held_components: list[tuple[int, Callable[[Array], Mask]]] = []
+    if is_held_vertically is not None:
+        held_components.append((bodies.dim - 1, is_held_vertically))
+    if plane_strain:
+        held_components.append((1, lambda x: np.ones(x.shape[1], dtype=bool)))
+    return solve_sliding_of_bodies(
+        bodies,
+        [slave_and_master_facets],
+        set_displacements,
+        prescribed_nodes,
+        increment_ends,
+        held_components,
+        friction,
+        start_displacements,
+    )
+
+
+def solve_sliding_of_bodies(
+    bodies: NeoHookeanBody,
+    sides_of_pairs: Sequence[Sequence[Indices]],
+    set_displacements: Callable[[float, Array], None],
+    prescribed_nodes: Sequence[Mask],
+    increment_ends: Sequence[float],
+    held_components: Sequence[tuple[int, Callable[[Array], Mask]]] = (),
+    friction: float = FRICTION,
+    start_displacements: Array | None = None,
+) -> SlidingHistory:
+    """Solve a sequence of increments in which deformable bodies slide on each other.
+
+    Args:
+        bodies: Bodies, see `solve_sliding_of_two_bodies`, which also describes the arguments that
+            are not listed here.
+        sides_of_pairs: For each pair, the facets of the slave and of the master.
+        set_displacements: Function that writes the prescribed displacements.
+        prescribed_nodes: Masks (n,) of the nodes to which these displacements are applied.
+        increment_ends: Times at which the increments end.
+        held_components: Components of the displacement that are zero, each with a function that
+            marks the nodes.
+        friction: Coefficient of friction.
+        start_displacements: Rigid motion (n, dim) of all bodies at the start.
+    """
     space, record = bodies.displacements.space, SlidingHistory()
     prescribed = fem.Function(space)
     nodes = np.flatnonzero(np.any(prescribed_nodes, axis=0)).astype(np.int32)
     supports = [fem.dirichletbc(prescribed, nodes)]
-    if is_held_vertically is not None:
-        supports.append(prescribe(space, bodies.dim - 1, is_held_vertically))
-    if plane_strain:
-        supports.append(prescribe(space, 1, lambda x: np.ones(x.shape[1], dtype=bool)))
+    supports += [prescribe(space, component, is_held) for component, is_held in held_components]
 
     def record_contact_law_violation(progress: object) -> None:
         if getattr(progress, "state", None) is None:
@@ -187,29 +225,33 @@ def solve_sliding_of_two_bodies(
                 violation * MAX_CONTACT_VIOLATION_PER_NODAL_FORCE
             )
 
-    slave, master = (side.astype(np.int32) for side in slave_and_master_facets)
-    slave_dofs = fem.locate_dofs_topological(space, bodies.dim - 1, slave)
-    surface = DeformableSurface(master, False if bodies.dim == 2 else None)
-    pair = ContactPair(slave_dofs, surface, friction)
-    arguments = bodies.residual, bodies.solution, supports, pair
+    sides = [[side.astype(np.int32) for side in pair] for pair in sides_of_pairs]
+    pairs = [
+        ContactPair(
+            fem.locate_dofs_topological(space, bodies.dim - 1, slave),
+            DeformableSurface(master, False if bodies.dim == 2 else None),
+            friction,
+        )
+        for slave, master in sides
+    ]
+    arguments = bodies.residual, bodies.solution, supports, pairs
     problem: ContactProblem | UncheckedMortarContactProblem
     if bodies.element.startswith("pw"):
         problem = ContactProblem.of_residual(*arguments, callback=record_contact_law_violation)
     else:
-        traces = gather_boundary_facets(space, slave), gather_boundary_facets(space, master)
         mortar_type = DualQuadraticMortar if bodies.dim == 2 else SpaceSlidingMortar
-        problem = UncheckedMortarContactProblem(
-            *arguments, mortar_type(*traces), record_contact_law_violation
-        )
+        mortars = [
+            mortar_type(*(gather_boundary_facets(space, side) for side in pair)) for pair in sides
+        ]
+        problem = UncheckedMortarContactProblem(*arguments, mortars, record_contact_law_violation)
     state, start = problem.undeformed, 0.0
     if start_displacements is not None:
         displacement = state.displacement.copy()
         displacement.array[:] = start_displacements.ravel()
-        slave_state = _only_pair_state(state)
-        slave_state = replace(slave_state, displacement=start_displacements[slave_state.node])
-        state = replace(
-            state, displacement=displacement, unknowns=displacement, pairs=(slave_state,)
+        pair_states = tuple(
+            replace(pair, displacement=start_displacements[pair.node]) for pair in state.pairs
         )
+        state = replace(state, displacement=displacement, unknowns=displacement, pairs=pair_states)
     for end in increment_ends:
 
         def set_displacements_at_load_factor(

@@ -413,7 +413,7 @@ def _cofactor_of_symmetric_matrix(W: Any, i: int, j: int) -> Any:  # noqa: ANN40
 
 
 class UncheckedMortarContactProblem:
-    """Contact problem of one pair of bodies with any element and any mortar.
+    """Contact problem of pairs of bodies with any element and any mortars.
 
     It is used like `ContactProblem.of_residual`, which refuses standard elements, because their
     weight functions are not those of the library's mortars.
@@ -422,8 +422,8 @@ class UncheckedMortarContactProblem:
         residual: Weak form of equilibrium.
         u: Unknown displacements.
         supports: Prescribed displacements.
-        pair: Contact pair.
-        mortar: Mortar of the pair's slave and master.
+        pairs: Contact pairs.
+        mortars: Mortar of each pair's slave and master.
         callback: Function that is called after each iteration.
 
     Attributes:
@@ -435,25 +435,26 @@ class UncheckedMortarContactProblem:
         residual: Any,  # noqa: ANN401
         u: Any,  # noqa: ANN401
         supports: Any,  # noqa: ANN401
-        pair: ContactPair,
-        mortar: SlidingMortar,
+        pairs: Sequence[ContactPair],
+        mortars: Sequence[SlidingMortar],
         callback: Callable[[Any], None],
     ) -> None:
         problem = PetrovGalerkinProblem(residual, u, supports, Direct())
         u.x.array[:] = 0.0
         problem.system.assemble_tangent()
         reduction = Reduction.dirichlet(u.function_space, supports)
+        self._n_pairs = len(pairs)
         self._steps = LargeStrainStepping(
             problem,
             supports,
             reduction,
-            [pair],
+            pairs,
             max_iterations=25,
             callback=callback,
             solver=Direct(),
         )
         interface = self._steps.interface
-        interface.mortars = {0: mortar}
+        interface.mortars = dict(enumerate(mortars))
         self.undeformed = make_undeformed_state(interface, problem.system.tangent.createVecRight())
 
     def step(self, state: ContactState, load: Callable[[float], None]) -> ContactState:
@@ -463,4 +464,4 @@ class UncheckedMortarContactProblem:
             state: State at the start of the increment.
             load: Function that sets the loads for a load factor between 0 and 1.
         """
-        return self._steps.step(state, load, [None])
+        return self._steps.step(state, load, [None] * self._n_pairs)
