@@ -1,1 +1,1 @@
-"""Press fits, a rolling ball and a dovetail in space (section V22)."""
+"""Press fits and a dovetail in space (section V22)."""

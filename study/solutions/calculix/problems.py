@@ -16,6 +16,7 @@ from study.solutions.calculix.decks import (
 from study.solutions.calculix.die import DIES, DieSlidingOnBlock
 from study.solutions.calculix.hertz_line import HERTZ_LINES, HertzLineContact
 from study.solutions.calculix.plastic import PLASTIC_BLOCKS, CylinderOnPlasticBlock
+from study.solutions.calculix.shrink_fit import SHRUNK_TUBES, ShrunkTubes
 from study.solutions.calculix.standard_decks import SPECIMENS, AnySpecimen
 from study.solutions.calculix.two_bodies import (
     PAIRS,
@@ -36,6 +37,7 @@ Problem = (
     | RotatedPatch
     | SlidingBlock
     | CylinderOnPlasticBlock
+    | ShrunkTubes
 )
 
 PROBLEMS: dict[str, Problem] = {
@@ -63,5 +65,6 @@ PROBLEMS: dict[str, Problem] = {
     **PATCHES,
     **SLIDING_BLOCKS,
     **PLASTIC_BLOCKS,
+    **SHRUNK_TUBES,
 }
 """Problems by the names of their recorded answers."""
