@@ -42,6 +42,13 @@ from study.solutions.calculix import calculix
 from study.solutions.calculix.blocks_in_space import SLIDING_BLOCKS, SlidingBlock
 from study.solutions.calculix.grids import Grid
 from study.solutions.calculix.output import Array, CalculixError
+from study.solutions.calculix.shrink_fit import (
+    INTERFERENCE,
+    RADII,
+    SHRUNK_TUBES,
+    ShrunkTubes,
+    compute_lame_pressure,
+)
 from study.solutions.calculix.standard_decks import (
     BlockOnRoughRigidPlane,
     BlockOnRoughRigidPlaneByNodes,
@@ -126,6 +133,8 @@ def list_measurements() -> Iterator[Measurement]:
         ("C3D10", f"{CALCULIX}-mortar"),
     ):
         yield Measurement("peer-sliding", element, 1, method)
+    for element, method in (("pw-T10", "Direct"), ("C3D10", CALCULIX)):
+        yield Measurement("peer-fit", element, 8, method)
 
 
 # Record
@@ -258,6 +267,12 @@ def _measure_in_this_process_and_print(measurement: Measurement) -> None:
             cost |= {"normal": answer["N"][-1], "tangential": answer["T"][-1]}
             print(json.dumps(cost))
             return
+        if measurement.task == "peer-fit":
+            tubes = replace(SHRUNK_TUBES["shrunk-tubes"], around=measurement.cells)
+            cost, answer = run_and_measure_calculix(calculix_path, tubes)
+            error = np.abs(answer["pressure"] / compute_lame_pressure(RADII, INTERFERENCE) - 1)
+            print(json.dumps(cost | {"increments": 1, "largest_error": float(error.max())}))
+            return
         by_nodes = measurement.method != CALCULIX
         problem = make_calculix_block_on_rough_plane(measurement.cells, by_nodes)
         cost, answer = run_and_measure_calculix(calculix_path, problem)
@@ -375,7 +390,7 @@ def measure_calculix_run(calculix_path: str, problem: BlockOnRoughRigidPlane) ->
 
 
 def run_and_measure_calculix(
-    calculix_path: str, problem: BlockOnRoughRigidPlane | SlidingBlock
+    calculix_path: str, problem: BlockOnRoughRigidPlane | SlidingBlock | ShrunkTubes
 ) -> tuple[dict[str, float], dict[str, Array]]:
     """Run CalculiX once; return the measured quantities and the numbers that it printed.
 
@@ -396,7 +411,7 @@ def run_and_measure_calculix(
         iterations = sum(int(line.split()[3]) for line in increments)
         suffix = getattr(problem, "output_suffix", ".dat")
         answer = problem.read_numbers(Path(folder, f"job{suffix}").read_text())
-    nodes = problem.nodes if isinstance(problem, SlidingBlock) else problem.grid.nodes
+    nodes = problem.grid.nodes if isinstance(problem, BlockOnRoughRigidPlane) else problem.nodes
     cost = {
         "dofs": 3 * len(nodes),
         "iterations": iterations,

@@ -47,12 +47,13 @@ class Measurement:
             along it, at large strains); "sliding-bodies" (a block of rubber that slides on
             another); "incompressible" (the clamped block with a pressure field);
             "linear" (the clamped block by the solver of contact problems); "peer-block",
-            "peer-rubber" and "peer-sliding" (a block on a rough plane, rubber ironed by a rough
-            cylinder, and the block of section V18 that slides on another, all compared with another
-            program).
+            "peer-rubber", "peer-sliding" and "peer-fit" (a block on a rough plane, rubber ironed by
+            a rough cylinder, the block of section V18 that slides on another, and the tube of
+            section V22 that is shrunk onto another, all compared with another program).
         element: Element of the study or of the other program.
         cells: Number of cells along the height of the (lower) block; for "pieces", number of cubes;
-            for "peer-sliding", number of elements over which the block slides.
+            for "peer-sliding", number of elements over which the block slides; for "peer-fit",
+            number of cells of a quarter of the outer tube.
         method: "Direct", "Iterative", "compared" (both, to compute their difference), or the other
             program: "CalculiX", "CalculiX-surface", "CalculiX-nodes" or "CalculiX-mortar" (by
             surface-to-surface, node-to-surface or mortar contact) or "felupe".
@@ -90,7 +91,12 @@ class Measurement:
 CALCULIX, FELUPE = "CalculiX", "felupe"
 PEERS = (CALCULIX, FELUPE)
 """Other programs; the methods of their measurements begin with these names."""
-PEER_OF_TASK = {"peer-block": CALCULIX, "peer-rubber": FELUPE, "peer-sliding": CALCULIX}
+PEER_OF_TASK = {
+    "peer-block": CALCULIX,
+    "peer-rubber": FELUPE,
+    "peer-sliding": CALCULIX,
+    "peer-fit": CALCULIX,
+}
 """Other program with which the library is compared, by task."""
 
 # Tasks
@@ -774,6 +780,19 @@ def measure_sliding_block_for_comparison(measurement: Measurement) -> dict[str, 
     }
 
 
+def measure_shrink_fit_for_comparison(measurement: Measurement) -> dict[str, float]:
+    """Measure the tube of section V22 that is shrunk onto another one."""
+    from study.benchmarks.v22_fits_in_space.press_fit import shrink
+
+    result, seconds = time_cpu(lambda: shrink(measurement.element, measurement.cells))
+    return {
+        "dofs": result.dofs,
+        "seconds": seconds,
+        "increments": 1,
+        "largest_error": result.scalars["force_over_weight_error"],
+    }
+
+
 def measure_felupe(measurement: Measurement) -> dict[str, float]:
     """Measure the same block of rubber with felupe."""
     from study.solutions.felupe import cylinder
@@ -818,5 +837,6 @@ TASKS: dict[str, Callable[[Measurement], dict[str, float]]] = {
     "peer-block": measure_block_for_comparison,
     "peer-rubber": measure_rubber_for_comparison,
     "peer-sliding": measure_sliding_block_for_comparison,
+    "peer-fit": measure_shrink_fit_for_comparison,
 }
 """Function that performs each task, by the name of the task in the record."""
