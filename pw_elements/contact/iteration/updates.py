@@ -270,7 +270,8 @@ class ActiveSetUpdate:
         if not state.is_exact and is_same_set(proposed, active, self._comm):
             return active, "tightened"  # corrected factors may leave small gaps
         if self._keeps_forces and is_same_set(proposed, active, self._comm):
-            return proposed, self.accuracy  # the forces that are kept have changed
+            # the forces that are kept have changed, and with them the equations of laws
+            return replace(active, interface_law=proposed.interface_law), self.accuracy
         if self.record_set_and_limit_cycling_nodes(proposed):
             proposed = self._propose_set_that_holds_body(active, state.nodes)
         return proposed, self.accuracy
