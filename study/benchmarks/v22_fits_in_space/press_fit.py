@@ -1,22 +1,17 @@
 """A tube that is shrunk onto another one, in space."""
 
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 
 import numpy as np
 from dolfinx import fem
-from dolfinx.mesh import Mesh, create_mesh, locate_entities_boundary
-from scipy.spatial import cKDTree
+from dolfinx.mesh import Mesh, locate_entities_boundary
 
 from pw_elements import Body, Material, Reduction, Spaces, SurfaceNodes, assemble_matrix, prescribe
-from pw_elements._compat import cell_geometry_nodes
-from pw_elements.arrays import Array, Indices, Mask
+from pw_elements.arrays import Array, Indices
 from pw_elements.contact import ContactPair, DeformableSurface, solve_contact
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import curved_mesh
-from study.benchmarks.v17_bodies.problems import (
-    make_dimensionless_result,
-)
+from study.benchmarks.v17_bodies.problems import make_dimensionless_result
 from study.meshes.solid_meshes import mesh_box_along_lines
 from study.meshes.two_body_meshes import join_lower_and_upper_mesh
 from study.model.discretisation import make_element_spaces
@@ -37,92 +32,36 @@ from study.solutions.rubber import (
     drop_small_weights,
 )
 
-QUADRATURE_DEGREE = 4
 TubeLines = tuple[Array, Array, Array]
 """Mesh lines of a tube: radii, angles, and coordinates along the axis."""
 
 
-def bend_shaft_nose(x: Array, nose: tuple[float, float, float], columns: tuple[int, int]) -> Array:
-    """Return points (n, dim) of a shaft whose end is made conical; smooth where the cone begins.
+def mesh_tubes(inner: TubeLines, outer: TubeLines) -> tuple[Mesh, tuple[Indices, Indices]]:
+    """Mesh sectors of two tubes about the z axis by quadratic tetrahedra with curved sides.
 
     Args:
-        x: Points (n, dim) of the straight shaft.
-        nose: Coordinate along the axis where the cone begins, its end, and the decrease of the
-            radius there. The outline is a parabola.
-        columns: Columns of the radius and of the coordinate along the axis.
-    """
-    start, end, decrease = nose
-    radius, axial = columns
-    moved = x.copy()
-    share = np.clip((x[:, axial] - start) / (end - start), 0.0, 1.0)
-    moved[:, radius] -= decrease * share**2
-    return moved
-
-
-def merge_coinciding_nodes(mesh: Mesh) -> Mesh:
-    """Return the mesh with one node wherever nodes are less than 1e-9 apart."""
-    x = mesh.geometry.x
-    pairs = cKDTree(x).query_pairs(1e-9, output_type="ndarray")
-    node = np.arange(len(x))
-    node[pairs.max(axis=1)] = pairs.min(axis=1)
-    kept, number = np.unique(node, return_inverse=True)
-    order = np.argsort(mesh.topology.original_cell_index)
-    cells = number[cell_geometry_nodes(mesh)[order]].astype(np.int64)
-    return create_mesh(
-        mesh.comm, cells=cells, x=x[kept], e=mesh.ufl_domain().ufl_coordinate_element()
-    )
-
-
-def mesh_tubes(
-    inner: TubeLines, outer: TubeLines, nose: tuple[float, float, float] | None = None
-) -> tuple[Mesh, tuple[Indices, Indices]]:
-    """Mesh sectors of two tubes, or tubes, about z by quadratic tetrahedra with curved sides.
-
-    Args:
-        inner: Mesh lines of the inner tube. Angles from 0 to 2 pi mesh the whole tube.
+        inner: Mesh lines of the inner tube.
         outer: Mesh lines of the outer tube.
-        nose: Arguments of `bend_shaft_nose` for the inner tube; None for a straight one.
 
     Returns:
         Mesh, and the facets of the bore of the outer tube and of the outside of the inner tube.
     """
 
-    def bend_to_tube(x: Array, is_inner: bool) -> Array:
-        if is_inner and nose is not None:
-            x = bend_shaft_nose(x, nose, (0, 2))
+    def bend_to_tube(x: Array) -> Array:
         return np.column_stack([x[:, 0] * np.cos(x[:, 1]), x[:, 0] * np.sin(x[:, 1]), x[:, 2]])
 
     tubes = [
-        merge_coinciding_nodes(
-            curved_mesh(
-                mesh_box_along_lines("tetrahedron", *lines),
-                partial(bend_to_tube, is_inner=is_inner),
-            )
-        )
-        for lines, is_inner in ((inner, True), (outer, False))
+        curved_mesh(mesh_box_along_lines("tetrahedron", *lines), bend_to_tube)
+        for lines in (inner, outer)
     ]
     mesh, is_inner_cell = join_lower_and_upper_mesh(*tubes)
-
-    def is_on_bore(x: Array) -> Mask:
-        return np.asarray(np.isclose(np.hypot(x[0], x[1]), outer[0][0]))
-
-    def is_on_shaft(x: Array) -> Mask:
-        radius = np.full(x.shape[1], inner[0][-1])
-        if nose is not None:
-            outline = np.column_stack([radius, x[2]])
-            radius = bend_shaft_nose(outline, nose, (0, 1))[:, 0]
-        return np.asarray(np.isclose(np.hypot(x[0], x[1]), radius))
-
     mesh.topology.create_connectivity(2, 3)
     cells_of_facets = mesh.topology.connectivity(2, 3)
-
-    def find_facets(is_on_side: Callable[[Array], Mask], is_of_inner: bool) -> Indices:
-        facets = locate_entities_boundary(mesh, 2, is_on_side).astype(np.int64)
-        cells = np.array([cells_of_facets.links(facet)[0] for facet in facets])
-        return facets[is_inner_cell[cells] == is_of_inner]
-
-    bore, shaft = find_facets(is_on_bore, False), find_facets(is_on_shaft, True)
-    return mesh, (bore, shaft)
+    facets = locate_entities_boundary(
+        mesh, 2, lambda x: np.isclose(np.hypot(x[0], x[1]), outer[0][0])
+    ).astype(np.int64)
+    is_inner = is_inner_cell[[cells_of_facets.links(facet)[0] for facet in facets]]
+    return mesh, (facets[~is_inner], facets[is_inner])
 
 
 def _divide(start: float, end: float, cells: int) -> Array:
@@ -209,7 +148,7 @@ def shrink_by_calculix(element: str, case: str, tracked: str) -> Result:
     return make_dimensionless_result(scalars, curves, problem.nodes.size)
 
 
-def make_scalar_spaces(element: str, mesh: object) -> Spaces:
+def make_scalar_spaces(element: str, mesh: Mesh) -> Spaces:
     """Return scalar spaces with the weight functions of an element."""
     make = Spaces.petrov_galerkin if element.startswith("pw") else Spaces.galerkin
     return make(mesh, 0)
