@@ -215,7 +215,8 @@ class GmshMesh:
         if len(cells) > 1:
             raise ValueError(
                 f"its cells are {description}, but a mesh has cells of one type: make all of them "
-                "alike in Gmsh, or put those of one type into physical groups"
+                "alike in Gmsh, or put those of one type into physical groups, and the others into "
+                "another file"
             )
         ((type_number, selected),) = cells.items()
         if type_number not in GMSH_NUMBERS_OF_SUPPORTED_CELLS:
