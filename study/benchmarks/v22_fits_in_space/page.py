@@ -209,8 +209,8 @@ VERIFICATION = r"""
 
 def largest_error_ratio(results: Results, problem: str, name: str) -> float:
     """Return the larger ratio, of slave and master, of the new to the standard element's error."""
-    cases = [f"V22/{problem}-{element}" for element in ELEMENTS]
-    return max(ratio(results, *cases, name + side) for side in ("", "_master"))
+    new, standard = (f"V22/{problem}-{element}" for element in ELEMENTS)
+    return max(ratio(results, new, standard, name + side) for side in ("", "_master"))
 
 
 CHECKS = [
