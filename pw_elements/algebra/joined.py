@@ -13,11 +13,11 @@ from dolfinx import fem
 from pw_elements.algebra.nonlinear import PetrovGalerkinProblem, ResidualSystem
 from pw_elements.algebra.reduction import sort_conditions_by_body
 from pw_elements.checks import (
+    JoinedFunction,
     arguments,
     count_local_and_global_dofs,
     raise_errors_on_all_processes,
 )
-from pw_elements.checks.joined import JoinedFunction
 from pw_elements.spaces import AssemblyRecord, is_hybrid, read_record
 
 

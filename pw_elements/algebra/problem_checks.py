@@ -14,8 +14,7 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx import fem
 
-from pw_elements.checks import arguments, raise_errors_on_all_processes
-from pw_elements.checks.joined import JoinedSpace
+from pw_elements.checks import JoinedSpace, arguments, raise_errors_on_all_processes
 from pw_elements.spaces import AssemblyRecord, SubSpace, read_record
 
 _STIFFNESS_NAME_IN_MESSAGES = "the stiffness"

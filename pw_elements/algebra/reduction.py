@@ -19,13 +19,13 @@ from dolfinx import fem
 from pw_elements.algebra.problem_checks import check_problem
 from pw_elements.arrays import Mask
 from pw_elements.checks import (
+    JoinedSpace,
     arguments,
     check_same_arguments_on_all_processes,
     count_local_and_global_dofs,
     format_points,
     raise_errors_on_all_processes,
 )
-from pw_elements.checks.joined import JoinedSpace
 from pw_elements.solvers import (
     ITERATIVE_NEEDS_SUPPORTS_MESSAGE,
     ConstrainedOperator,

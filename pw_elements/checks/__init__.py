@@ -1,6 +1,7 @@
 """Checks of users' arguments, functions and meshes; errors are raised on all processes.
 
-Public functions make these checks once, before any computation.
+Public functions make these checks once, before any computation. `JoinedSpace`, the space of bodies
+with a mesh each, is here because checks of spaces and meshes have to know it.
 """
 
 from pw_elements.checks.arguments import count_local_and_global_dofs
@@ -16,6 +17,13 @@ from pw_elements.checks.guard import (
     find_largest_communicator,
     max_relative_difference,
     raise_errors_on_all_processes,
+)
+from pw_elements.checks.joined import (
+    JoinedBody,
+    JoinedFunction,
+    JoinedSpace,
+    evaluate_at_owned_nodes,
+    list_bodies,
 )
 from pw_elements.checks.meshes import (
     MAX_COORDINATE,

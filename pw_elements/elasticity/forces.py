@@ -29,11 +29,13 @@ from ufl.core.expr import Expr
 from pw_elements.algebra import is_finite
 from pw_elements.arrays import Array, Indices, LocalIndices, Mask
 from pw_elements.checks import (
+    JoinedSpace,
     arguments,
     check_same_arguments_on_all_processes,
+    evaluate_at_owned_nodes,
+    list_bodies,
     raise_errors_on_all_processes,
 )
-from pw_elements.checks.joined import JoinedSpace, evaluate_at_owned_nodes, list_bodies
 from pw_elements.elasticity.body import Body
 from pw_elements.elasticity.boundary import boundary_measure
 from pw_elements.elasticity.material import ScalarCoefficient

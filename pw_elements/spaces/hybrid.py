@@ -18,8 +18,11 @@ from dolfinx.mesh import MeshTags
 
 from pw_elements._compat import matrix_with_single_entry_rows
 from pw_elements.arrays import Array, LocalIndices, Mask
-from pw_elements.checks import count_local_and_global_dofs, raise_errors_on_all_processes
-from pw_elements.checks.joined import JoinedSpace
+from pw_elements.checks import (
+    JoinedSpace,
+    count_local_and_global_dofs,
+    raise_errors_on_all_processes,
+)
 
 # Effect of a constant pressure, relative to the norm of the stiffness, that may be due to round-off
 CONSTANT_PRESSURE_ROUND_OFF_OVER_STIFFNESS = 1e-10

@@ -12,12 +12,13 @@ from dolfinx.mesh import Mesh, MeshTags, exterior_facet_indices, locate_entities
 
 from pw_elements.arrays import Array, LocalIndices, Mask
 from pw_elements.checks import (
+    JoinedSpace,
     arguments,
     call_user_function,
     check_same_function,
+    list_bodies,
     raise_errors_on_all_processes,
 )
-from pw_elements.checks.joined import JoinedSpace, list_bodies
 from pw_elements.spaces.hybrid import SubSpace
 
 # Function of points (3, n), one in each column, that returns a mask (n,)

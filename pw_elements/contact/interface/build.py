@@ -20,9 +20,9 @@ from pw_elements.checks import (
     arguments,
     call_user_function,
     format_points,
+    list_bodies,
     raise_errors_on_all_processes,
 )
-from pw_elements.checks.joined import list_bodies
 from pw_elements.contact.interface.mortars import SlidingMortar
 from pw_elements.contact.interface.operators import ContactInterface
 from pw_elements.contact.interface.pair_points import (

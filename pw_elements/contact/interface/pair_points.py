@@ -20,8 +20,7 @@ from scipy.spatial import cKDTree
 from pw_elements._compat import cell_geometry_nodes
 from pw_elements.algebra import Reduction
 from pw_elements.arrays import Array, Indices, LocalIndices, Mask
-from pw_elements.checks import format_points
-from pw_elements.checks.joined import JoinedSpace
+from pw_elements.checks import JoinedSpace, format_points
 from pw_elements.contact.interface.mortars import (
     BoundaryFacets,
     OverlapQuadrature,

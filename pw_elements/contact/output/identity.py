@@ -30,8 +30,7 @@ from dolfinx import fem
 
 from pw_elements.algebra import JoinedResidualSystem, PetrovGalerkinProblem, ResidualSystem
 from pw_elements.arrays import Array, Indices
-from pw_elements.checks import arguments, max_relative_difference
-from pw_elements.checks.joined import list_bodies
+from pw_elements.checks import arguments, list_bodies, max_relative_difference
 from pw_elements.contact.interface import (
     ContactInterface,
     sample_friction_coefficients,

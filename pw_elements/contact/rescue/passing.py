@@ -19,8 +19,7 @@ from dolfinx.mesh import Mesh
 from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.checks import format_points, raise_errors_on_all_processes
-from pw_elements.checks.joined import list_bodies
+from pw_elements.checks import format_points, list_bodies, raise_errors_on_all_processes
 from pw_elements.contact.interface import ContactInterface, MortarSlipReference
 from pw_elements.contact.model import SolutionNotFound, SurfacePassed
 from pw_elements.contact.nodes import RigidSurfaceMotion

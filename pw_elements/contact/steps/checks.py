@@ -25,8 +25,7 @@ from pw_elements.algebra import (
     is_finite,
 )
 from pw_elements.arrays import Array, RealVector
-from pw_elements.checks import arguments, check_mesh, raise_errors_on_all_processes
-from pw_elements.checks.joined import JoinedSpace
+from pw_elements.checks import JoinedSpace, arguments, check_mesh, raise_errors_on_all_processes
 from pw_elements.contact.interface import check_piecewise_linear_weight_functions
 from pw_elements.contact.model import (
     ClosestPointSurface,

@@ -10,7 +10,7 @@ from dolfinx import fem, la
 from dolfinx.mesh import exterior_facet_indices
 
 from pw_elements.arrays import Array, Indices, LocalIndices
-from pw_elements.checks.joined import JoinedSpace, evaluate_at_owned_nodes, list_bodies
+from pw_elements.checks import JoinedSpace, evaluate_at_owned_nodes, list_bodies
 from pw_elements.contact.interface.mortars.overlap import (
     compute_cell_lengths_or_areas,
     compute_unoriented_cell_normals,
