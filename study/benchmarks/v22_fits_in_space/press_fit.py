@@ -1,13 +1,14 @@
 """A tube that is shrunk onto another one, in space."""
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from dolfinx import fem
 from dolfinx.mesh import Mesh, locate_entities_boundary
 
 from pw_elements import Body, Material, Reduction, Spaces, SurfaceNodes, assemble_matrix, prescribe
-from pw_elements.arrays import Array, Indices
+from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.contact import ContactPair, DeformableSurface, solve_contact
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import curved_mesh
@@ -78,6 +79,10 @@ def _tube(
     )
 
 
+def _is_on_plane_of_symmetry(axis: int, x: Array) -> Mask:
+    return np.asarray(np.isclose(x[axis], 0.0))
+
+
 def shrink(element: str, around: int) -> Result:
     """Shrink a tube onto another without friction; compare pressures on both sides with Lamé's.
 
@@ -94,7 +99,7 @@ def shrink(element: str, around: int) -> Result:
     body = Body(make_element_spaces(element, mesh), steel, StressState.SOLID)
     space = body.spaces.trial
     K = assemble_matrix(body.stiffness())
-    supports = [prescribe(space, k, lambda x, k=k: np.isclose(x[k], 0.0)) for k in range(3)]
+    supports = [prescribe(space, k, partial(_is_on_plane_of_symmetry, k)) for k in range(3)]
     pair = ContactPair(
         fem.locate_dofs_topological(space, 2, bore.astype(np.int32)),
         DeformableSurface(shaft.astype(np.int32), coincident=True),
