@@ -34,7 +34,7 @@ USAGE = """\
   study 7.1 7.6           these sections only; the rest is taken from stored results
   study 7.1/pw-T6 3/weights    these cases only, without claims, figures and report
   study --all             also what is otherwise read from tracked records: finer meshes, more
-                          elements and variants (50 CPU minutes more), and times and memory of
+                          elements and variants (57 CPU minutes more), and times and memory of
                           section K (35 minutes more, one row at a time); results of CalculiX stay
                           recorded
   study list              sections and cases, and whether a stored result holds

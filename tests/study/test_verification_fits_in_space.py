@@ -16,8 +16,8 @@ from study.solutions.calculix.shrink_fit import (
     divide_tubes,
 )
 
-INNER_TUBE = (np.array([0.5, 1.0]), np.linspace(0, np.pi / 2, 4), np.array([0.0, 0.5, 1.0]))
-OUTER_TUBE = (np.array([1.0, 1.5]), np.linspace(0, np.pi / 2, 5), np.array([0.0, 1.0]))
+INNER_TUBE = (np.array([0.5, 1.0]), np.linspace(0, 2 * np.pi, 9), np.array([0.0, 0.5, 1.0]))
+OUTER_TUBE = (np.array([1.0, 1.5]), np.linspace(0, 2 * np.pi, 11), np.array([0.0, 1.0]))
 
 
 def integrate_over_sides(mesh, integrand, sides):
@@ -35,20 +35,34 @@ def test_lame_pressure_moves_both_tubes_apart_by_the_interference():
     assert outwards + inwards == pytest.approx(0.02, rel=1e-12)
 
 
-def test_quarters_of_tubes_have_the_volume_and_the_areas_of_their_cylinders():
+def test_whole_tubes_have_no_seam_and_the_areas_of_their_cylinders():
     mesh, sides = press_fit.mesh_tubes(INNER_TUBE, OUTER_TUBE)
+    x = mesh.geometry.x
+    distance = np.linalg.norm(x[:, None] - x[None], axis=2)
+    same_place = np.argwhere(np.triu(distance < 1e-9, 1))
+    # only nodes of different tubes, on the fit, may coincide
+    assert np.allclose(np.hypot(*x[same_place[:, 0], :2].T), 1.0)
     volume = assemble_scalar(1.0 * ufl.dx(domain=mesh, metadata={"quadrature_degree": 6}))
-    assert volume == pytest.approx(np.pi / 4 * (1.5**2 - 0.5**2), rel=2e-3)
-    assert integrate_over_sides(mesh, 1.0, sides) == pytest.approx([np.pi / 2] * 2, rel=2e-3)
+    assert volume == pytest.approx(np.pi * (1.5**2 - 0.5**2), rel=2e-3)
+    assert integrate_over_sides(mesh, 1.0, sides) == pytest.approx([2 * np.pi] * 2, rel=2e-3)
 
 
-def test_normals_of_the_bore_and_of_the_inner_tube_are_opposite():
+def test_normals_of_bore_and_shaft_are_opposite_where_the_shaft_is_as_wide_as_the_bore():
     mesh, sides = press_fit.mesh_tubes(INNER_TUBE, OUTER_TUBE)
     x, n = ufl.SpatialCoordinate(mesh), ufl.FacetNormal(mesh)
     outwards = (n[0] * x[0] + n[1] * x[1]) / ufl.sqrt(x[0] ** 2 + x[1] ** 2)
-    on_bore, on_inner = integrate_over_sides(mesh, outwards, sides)
-    assert on_bore == pytest.approx(-np.pi / 2, rel=5e-3)
-    assert on_inner == pytest.approx(np.pi / 2, rel=5e-3)
+    on_bore, on_shaft = integrate_over_sides(mesh, outwards, sides)
+    assert on_bore == pytest.approx(-2 * np.pi, rel=5e-3)
+    assert on_shaft == pytest.approx(2 * np.pi, rel=5e-3)
+
+
+def test_nose_of_the_shaft_is_smooth_and_thinner_by_the_given_amount():
+    z = np.array([-0.5, -0.35, -0.35 + 1e-4, 0.05])
+    outline = np.column_stack([np.full(4, 1.03), z])
+    moved = press_fit.bend_shaft_nose(outline, (-0.35, 0.05, 0.06), (0, 1))
+    assert moved[:, 1] == pytest.approx(z)
+    assert moved[[0, 1, 3], 0] == pytest.approx([1.03, 1.03, 0.97])
+    assert abs(moved[2, 0] - 1.03) < 1e-6  # a parabola, so that the slope is zero at its start
 
 
 @pytest.mark.parametrize("case", SHRUNK_TUBES)
