@@ -19,7 +19,6 @@ from pw_elements.checks.guard import (
     raise_errors_on_all_processes,
 )
 from pw_elements.checks.joined import (
-    JoinedBody,
     JoinedFunction,
     JoinedSpace,
     evaluate_at_owned_nodes,
