@@ -16,6 +16,7 @@ import pytest
 from study.benchmarks.k_cost import measure, tasks
 from study.benchmarks.k_cost.measure import make_calculix_block_on_rough_plane, measure_calculix_run
 from study.benchmarks.k_cost.tasks import Measurement
+from study.model.corner_forces import corner_over_midside_on_face, corner_over_midside_on_line
 from study.publish import renew_records
 from study.run import records
 from study.solutions.calculix import calculix
@@ -206,7 +207,7 @@ def test_ratios_of_corner_and_midside_forces():
     """The rim and the ends, which carry other forces, are left out."""
     line = np.array([9.0, 9.0, 9.0, 2.0, 1.0, 2.0, 1.0, 2.0, 9.0, 9.0, 9.0])
     is_corner = np.arange(11) % 2 == 1
-    assert tasks.corner_over_midside_on_line(line, is_corner) == pytest.approx(2.0)
+    assert corner_over_midside_on_line(line, is_corner) == pytest.approx(2.0)
     cells = 4
     x, y = (a.ravel() for a in np.meshgrid(np.arange(17) / 8, np.arange(9) / 8, indexing="ij"))
     index = cells * np.column_stack([x, y])
@@ -214,7 +215,7 @@ def test_ratios_of_corner_and_midside_forces():
     is_rim = (x < 0.3) | (x > 1.7) | (y < 0.3) | (y > 0.7)
     force[is_rim] = 100.0
     position = np.column_stack([x, y, 0 * x])
-    assert tasks.corner_over_midside_on_face(position, force, cells) == pytest.approx(0.25)
+    assert corner_over_midside_on_face(position, force, cells) == pytest.approx(0.25)
 
 
 def test_contact_of_calculix_at_nodes_differs_only_in_its_type():

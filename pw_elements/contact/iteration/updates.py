@@ -157,11 +157,8 @@ class ActiveSetUpdate:
         self._free_motions, self.accuracy = free_motions, accuracy
         self._visited: list[tuple[bytes, ActiveSet]] = []
         self._limited: Mask | None = None
-        shared, may_keep = interface.shared_nodes, interface.cone.has_friction
-        if interface.laws is not None:
-            may_keep = may_keep | interface.laws.has_law
-        self._keeps_forces = shared.exist and self._comm.allreduce(
-            bool(np.any(shared.is_shared & may_keep)), MPI.LOR
+        self._keeps_forces = interface.shared_nodes.exist and self._comm.allreduce(
+            _has_shared_nodes_that_keep_forces(interface), MPI.LOR
         )
 
     def restart_record_with_first_set(
@@ -654,3 +651,11 @@ def recover_active_set_of_state(
         support_friction=np.where(kinematics.held_tangents, friction, 0.0),
         support_slip=np.zeros_like(direction),
     )
+
+
+def _has_shared_nodes_that_keep_forces(interface: ContactInterface) -> bool:
+    """Return whether nodes of this process in several pairs have friction or interface laws."""
+    may_keep = interface.cone.has_friction
+    if interface.laws is not None:
+        may_keep = may_keep | interface.laws.has_law
+    return bool(np.any(interface.shared_nodes.is_shared & may_keep))

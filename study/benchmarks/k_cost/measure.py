@@ -34,9 +34,9 @@ from study.benchmarks.k_cost.tasks import (
     PEER_OF_TASK,
     TASKS,
     Measurement,
-    corner_over_midside_on_face,
     measure_felupe,
 )
+from study.model.corner_forces import corner_over_midside_on_face
 from study.run import records
 from study.solutions.calculix import calculix
 from study.solutions.calculix.blocks_in_space import SLIDING_BLOCKS, SlidingBlock

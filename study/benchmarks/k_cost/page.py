@@ -225,8 +225,7 @@ MACROS = r"""
 {% set ball = "K/sliding-pw-T10-10-Iterative" %}
 {% set small_ball = "K/sliding-pw-T10-5-Iterative" %}
 {% set large_ball = "K/sliding-pw-T10-17-Iterative" %}
-{% set blocks = "K/sliding-bodies-pw-T10-" %}
-{% macro steps(cells) %}{{ fixed(s(blocks ~ cells ~ "-Iterative", "krylov_iterations") / s(blocks ~ cells ~ "-Iterative", "iterations"), 0) }}{% endmacro %}
+{% macro steps(cells) %}{% set case = "K/sliding-bodies-pw-T10-" ~ cells ~ "-Iterative" %}{{ fixed(s(case, "krylov_iterations") / s(case, "iterations"), 0) }}{% endmacro %}
 """
 
 RESULT = r"""
@@ -539,8 +538,8 @@ FURTHER_FINDINGS = r"""
    {{ fixed(s(large_ball, "over_linear"), 1) }} linear solutions: {{ fixed(s(large_ball, "iterations"), 0) }} Newton steps
    need {{ fixed(s(large_ball, "krylov_iterations"), 0) }} Krylov iterations.
 5. **The cost of sliding bodies grows nearly in proportion, too.** At
-   {{ fixed(s(blocks ~ "10-Direct", "dofs"), 0) }} unknowns the direct solver takes
-   {{ fixed(measure("ratio", key=blocks ~ "10-Direct", other=blocks ~ "10-Iterative", name="seconds"), 1) }} times the CPU time of the
+   {{ fixed(s("K/sliding-bodies-pw-T10-10-Direct", "dofs"), 0) }} unknowns the direct solver takes
+   {{ fixed(measure("ratio", key="K/sliding-bodies-pw-T10-10-Direct", other="K/sliding-bodies-pw-T10-10-Iterative", name="seconds"), 1) }} times the CPU time of the
    Krylov solver. Each Newton step takes {{ steps(6) }}, {{ steps(10) }} and {{ steps(17) }} Krylov iterations, and CPU time grows
    with the power {{ power("sliding-bodies-pw-T10", 6, 17) }} of the unknowns.
 6. **Other programs on the same meshes.** CalculiX takes {{ over_peer("C3D10-5-CalculiX-nodes", "pw-T10-5-Direct", "block", "whole_seconds") }} times

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from study.model.corner_forces import corner_over_midside_on_face, corner_over_midside_on_line
 from study.model.vocabulary import OPEN, SLIP, STICK
 
 if TYPE_CHECKING:
@@ -661,8 +662,6 @@ def measure_block_sliding_on_block(measurement: Measurement) -> dict[str, float]
 
 N_PRESSING, N_IRONING = 10, 24
 """Increments in which the cylinder moves down, and then sideways."""
-N_END_NODES = 3
-"""Number of nodes at each end of the contact that are excluded from the ratio of forces."""
 
 
 def measure_block_for_comparison(measurement: Measurement) -> dict[str, float]:
@@ -686,22 +685,6 @@ def measure_block_for_comparison(measurement: Measurement) -> dict[str, float]:
         ),
         "largest_displacement": float(np.linalg.norm(displacement, axis=1).max()),
     }
-
-
-def corner_over_midside_on_face(position: Array, force: Array, cells: int) -> float:
-    """Return the ratio of mean normal forces at corner and at mid-side nodes of the block's base.
-
-    Nodes within one cell of the rim are left out.
-
-    Args:
-        position: Coordinates (m, 3) of the nodes of the base.
-        force: Normal forces (m,).
-        cells: Number of cells along the height of the block.
-    """
-    index = position[:, :2] * cells  # whole numbers at corners
-    is_inner = ((index > 1.25) & (index < np.array([2.0, 1.0]) * cells - 1.25)).all(axis=1)
-    is_corner = np.isclose(index, np.round(index)).all(axis=1)
-    return float(force[is_inner & is_corner].mean() / force[is_inner & ~is_corner].mean())
 
 
 def measure_rubber_for_comparison(measurement: Measurement) -> dict[str, float]:
@@ -809,18 +792,6 @@ def measure_felupe(measurement: Measurement) -> dict[str, float]:
         "tangential": result.tangential_force,
         "corner_over_mid": corner_over_midside_on_line(result.nodal_normal_force, result.is_corner),
     }
-
-
-def corner_over_midside_on_line(force: Array, is_corner: Mask) -> float:
-    """Return the median ratio of the mean of two adjacent corner forces to the mid-side force.
-
-    Args:
-        force: Normal forces (m,) of the nodes in contact, in the order of their positions.
-        is_corner: Mask (m,) of the corner nodes.
-    """
-    inner = np.arange(N_END_NODES, len(force) - N_END_NODES)
-    midside = inner[~is_corner[inner]]
-    return float(np.median((force[midside - 1] + force[midside + 1]) / (2 * force[midside])))
 
 
 TASKS: dict[str, Callable[[Measurement], dict[str, float]]] = {
