@@ -35,6 +35,7 @@ class JoinedResidualSystem:
 
     @cached_property
     def tangent(self) -> PETSc.Mat:
+        """Tangent (n, n) of all bodies; it is assembled by `assemble_tangent`."""
         tangents = [system.tangent for system in self._systems]
         for tangent in tangents:
             tangent.assemble()
@@ -51,11 +52,13 @@ class JoinedResidualSystem:
         return PETSc.Mat().createNest(blocks, comm=self.u.function_space.mesh.comm)
 
     def set_unknowns(self, x: PETSc.Vec) -> None:
+        """Set the displacements of all bodies, including ghosts, to x (n,); collective."""
         self.u.x.array[: x.getLocalSize()] = x.array_r
         self.u.x.scatter_forward()
         self.u.copy_to_parts()
 
     def assemble_residual(self) -> PETSc.Vec:
+        """Return the residuals (n,) of all bodies at their displacements; collective."""
         self.u.copy_to_parts()
         space = self.u.function_space
         forces = PETSc.Vec().createMPI(count_local_and_global_dofs(space), comm=space.mesh.comm)
@@ -64,6 +67,7 @@ class JoinedResidualSystem:
         return forces
 
     def assemble_tangent(self) -> None:
+        """Assemble the tangents of all bodies at their displacements; collective."""
         self.u.copy_to_parts()
         for system in self._systems:
             system.assemble_tangent()

@@ -80,7 +80,9 @@ class CellInversionCheck:
 
     def find_midpoints_of_inverted_cells(self) -> Array:
         """Return the undeformed midpoints (k, dim) of all inverted cells; collective."""
-        midpoints = np.concatenate([body.midpoints_of_inverted_cells() for body in self._bodies])
+        midpoints = np.concatenate(
+            [body.find_midpoints_of_inverted_cells() for body in self._bodies]
+        )
         return np.concatenate(self._comm.allgather(midpoints))
 
 
@@ -109,7 +111,7 @@ class _VolumeRatios:
         values = self._determinant.eval(self.mesh, self._cells)
         return np.asarray(values).reshape(len(self._cells), len(self._points))
 
-    def midpoints_of_inverted_cells(self) -> Array:
+    def find_midpoints_of_inverted_cells(self) -> Array:
         """Return the undeformed midpoints (k, dim) of the inverted cells of this process."""
         inverted = self._cells[~(self.evaluate() > 0).all(axis=1)]
         corners = self.mesh.geometry.x[cell_geometry_nodes(self.mesh)[inverted]]
